@@ -11,6 +11,7 @@ from tests.rigs.processes import EmulatedBench, dehyst
 
 from dehyst.daemon.config import load_config
 from dehyst.daemon.files.recordings import read_recording
+from dehyst.daemon.setup.moving import TUNING
 from dehyst.daemon.setup.names import NAMES
 
 pytestmark = pytest.mark.timing
@@ -55,7 +56,11 @@ def test_it_tracks_ten_times_better_than_the_linear_gain(done: Any) -> None:
     assert process.returncode == 0, err
     result = json.loads(out)
     assert tuple(result) == NAMES
-    assert result["track"]["times_smaller"] >= 10.0
+    track = result["track"]
+    if track["late_share"] > TUNING.most_late:
+        assert "too busy to judge" in track["words"]
+        pytest.skip(f"not judged: {track['late_share']:.1%} of the samples were too late")
+    assert track["times_smaller"] >= 10.0
     assert result["validate"]["share_of_span"] < 0.01
 
 

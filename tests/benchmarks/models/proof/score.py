@@ -16,7 +16,7 @@ from tests.benchmarks.models.proof.stages import HELD, Case, Hidden
 from dehyst.models.cascade.history import replay
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis
-from dehyst.models.model import Model
+from dehyst.models.model import Block, Model
 
 SHAPES = ("shape", "asymmetry", "sensor")
 LOOPS = ("rate", "friction", "clip", "slew")  # these bend the loop too: `shape` beside is true
@@ -266,13 +266,19 @@ def disagreement(case: Case, diagnosis: Diagnosis) -> float:
 
 
 def _error(case: Case, name: str, model: Model, lines: tuple[float, ...]) -> Any:
-    """Exact displacement less the model's, and less its mean and the lines at any phase."""
+    """Exact displacement less the model's, and less its mean, the lines at any phase, and creep of
+    an earlier move at any size."""
     table, rig = case.tables[name], case.plan.rig
-    blocks = tuple(b for b in model.blocks if b.kind not in OF_ONE_RECORDING)
-    plain = replace(model, blocks=blocks)
     drive = rig.low + table.u * rig.per_volt
-    error = table.exact * rig.per_um - simulate(plain, table.t_s, drive, table.channels)
+
+    def run(blocks: list[Block]) -> Any:
+        return simulate(replace(model, blocks=tuple(blocks)), table.t_s, drive, table.channels)
+
+    blocks = [b for b in model.blocks if b.kind not in OF_ONE_RECORDING]
+    plain = run(blocks)
+    error = table.exact * rig.per_um - plain
     columns = [np.ones(error.size)]
+    columns += [run([*blocks, b]) - plain for b in model.blocks if b.kind == "earlier_creep"]
     for f in lines:
         columns += [np.sin(2 * np.pi * f * table.t_s), np.cos(2 * np.pi * f * table.t_s)]
     a = np.column_stack(columns)
