@@ -1,21 +1,23 @@
-"""Find the physics that the model in use leaves out: locate, name, model, show.
+"""Find the physics that the model in use leaves out: locate the misfit, name its cause, write a
+model, report.
 
     diagnose(recordings, model=None, progress=None) -> Diagnosis
 
-data/ is what the recordings are: prepare.py lays them on their grids and joins them, excerpt.py
-cuts long ones, noise.py and colour.py measure the floor, survey.py tells what must be said first,
-locate.py where a misfit sits. subject.py is the model in use. base.py explains all that a
-rate-independent memory can, pasts.py tells how that memory began, columns.py keeps what a drive
-makes of it; fit.py refits it and the effects of effects.py jointly. screen.py ranks
-the candidates of dehyst.models.physics, shortlist.py which come next, judge.py says
-which may count, search.py accepts one after the other, evidence.py holds out, intervals.py gives
-the intervals. findings/ is what is said: reported.py drops what is not known well enough, rivals.py
-finds near-ties, shape.py says what the base explains of the model in use, episodes.py what is there
-for a part of the time, weigh.py what helps, decide.py names and gives the verdict, limits.py says
-what would have been seen. augment.py writes a model, handout.py sees to it that it goes nowhere
-astray. steps.py leads through the states, each frozen and made from the one before:
+data/ describes the recordings: prepare.py lays them on their grids and joins them, excerpt.py cuts
+long ones, noise.py and colour.py estimate the noise floor, survey.py collects the warnings that
+come first, locate.py finds where the misfit is. subject.py holds the model in use. base.py explains
+all that a rate-independent memory can, pasts.py finds how that memory began, columns.py caches the
+base's columns for a drive; fit.py refits the base and the effects of effects.py jointly. screen.py
+ranks the candidates of dehyst.models.physics, shortlist.py decides which to try next, judge.py
+decides which may count, search.py accepts one after the other, evidence.py holds data out,
+intervals.py computes the intervals. findings/ is what is reported: reported.py drops effects that
+are not known well enough, rivals.py finds near-ties, shape.py reports what the base explains of the
+misfit of the model in use, episodes.py finds effects present for part of the time, weigh.py decides
+what helps, decide.py writes the findings and the verdict, limits.py computes what would have been
+seen. augment.py writes a model, handout.py chooses the one that is written and rejects those that
+diverge. steps.py runs the states in order, each frozen and made from the one before:
 
-    Prepared, Based    based.py: the recordings and the model in use; what the search stands on
+    Prepared, Based    based.py: the recordings and the model in use; base and drive of the search
     Searched           searched.py: the effects that were found, and at which noise
     Judged             verdict.py: what is named, the verdict, the model that is written
     Diagnosis          result.py: what is reported

@@ -1,9 +1,9 @@
 """The augmented model: a joint fit written as hysteresis and blocks of the model file.
 
 The hysteresis is the given model's own where that carries the fit, else the compact monotone one
-nearest to the fit (non-negative play weights, for the inverse); a shape and a memory block carry
-what the base knows beyond it; the accepted effects are the other blocks. Simulated, the written
-model gives what was fitted.
+nearest to the fit (non-negative play weights, for the inverse); a shape and a memory block hold
+what the base adds to it; the accepted effects are the other blocks. Simulated, the written model
+reproduces the fit.
 """
 
 from dataclasses import replace
@@ -22,12 +22,12 @@ from dehyst.models.physics import KINDS, DriveScale, bent_loops, curved_plays, l
 from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats
 
-REACH_BEYOND = 0.2  # of the drive's range: so far another drive of the same kind may go
-REACH_SAMPLES, REACH_S = 300, 0.1  # of one way over the range, and from one to the next
+REACH_BEYOND = 0.2  # of the drive's range: how far another drive of the same kind may exceed it
+REACH_SAMPLES, REACH_S = 300, 0.1  # samples of one sweep over the range, and their interval
 
 
 def compact(problem: Problem, fitted: JointFit) -> Hysteresis:
-    """Monotone static model nearest to a fit's hysteresis output: play weights >= 0."""
+    """Return the monotone static model nearest to a fit's hysteresis output: play weights >= 0."""
     data, base = problem.data, problem.base
     v = problem.drive_at_hysteresis(fitted.effects)
     r = base.thresholds * base.span
@@ -44,12 +44,12 @@ def compact(problem: Problem, fitted: JointFit) -> Hysteresis:
 
 
 def augmented(problem: Problem, fitted: JointFit) -> Model:
-    """Model with the shape and the effects as blocks."""
+    """Return the model with the shape and the effects as blocks."""
     data, model = problem.data, problem.subject.model
     if not problem.subject.carries:
         model = replace(model, hysteresis=compact(problem, fitted), blocks=())
     added, constant = _added(problem, fitted, model.hysteresis)
-    settled = behind_output(data, fitted.effects, np.ones((data.n, 1)))[0, 0]  # their gain at rest
+    settled = behind_output(data, fitted.effects, np.ones((data.n, 1)))[0, 0]  # static gain
     c = np.array(model.hysteresis.c)
     c[0] += constant + float(fitted.offsets.mean()) / settled
     first = [lead("drive", data.early * data.period)] if data.early else []
@@ -59,7 +59,7 @@ def augmented(problem: Problem, fitted: JointFit) -> Model:
         for effect, amplitudes in zip(fitted.effects, fitted.amplitudes, strict=True)
         for block in effect.candidate.blocks(effect.theta, amplitudes, data)
     ]
-    # the effects stand around the model: before its drive's blocks, behind its others
+    # the effects enclose the model: before its drive blocks, after its other blocks
     before = [b for b in effects if b.place == "drive"]
     behind = [b for b in effects if b.place != "drive"]
     rank = {"drive": 0, "stage": 1, "sensor": 2}
@@ -86,8 +86,9 @@ def augmented(problem: Problem, fitted: JointFit) -> Model:
 
 
 def stays_in_reach(model: Model, data: Data) -> bool:
-    """Whether the model, driven slowly from rest over what was recorded, stays where the stage has
-    been: a shape is known where the recordings went, and powers of it go astray beyond."""
+    """Return whether the model, driven slowly from rest over the recorded range, stays where the
+    stage has been: a shape is known where the recordings went, and powers of it may diverge
+    beyond."""
     u = slow_ways(data)
     channels = {name: np.full(u.size, data.channels[name].mean()) for name in channels_of(model)}
     y = simulate(model, REACH_S, u, channels)
@@ -97,8 +98,9 @@ def stays_in_reach(model: Model, data: Data) -> bool:
 
 
 def slow_ways(data: Data) -> Floats:
-    """(3 REACH_SAMPLES,) drive from rest to the top of what was recorded, to its bottom, and back
-    to the top, and a little beyond: another drive of the same kind goes there."""
+    """Return the (3 REACH_SAMPLES,) drive from rest to the top of the recorded range, to its
+    bottom, and back to the top, each extended a little: another drive of the same kind may go
+    there."""
     beyond = REACH_BEYOND * data.span
     low, high = data.u_min - beyond, data.u_min + data.span + beyond
     if data.u_min >= 0.0:
@@ -109,7 +111,7 @@ def slow_ways(data: Data) -> Floats:
 
 
 def _added(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> tuple[list[Block], float]:
-    """The blocks of what the base adds to the hysteresis, and the constant that is left."""
+    """Return the blocks for what the base adds to the hysteresis, and the remaining constant."""
     if problem.base.width == 0:
         return [], 0.0
     shape, constant = _shape(problem, fitted, hysteresis)
@@ -117,10 +119,11 @@ def _added(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> tuple[
 
 
 def _shape(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> tuple[Block, float]:
-    """The base's curved plays, in plays from 0 upwards, less a hysteresis that is made of them.
+    """Return the base's curved plays, in plays from 0 upwards, less the hysteresis made of them, as
+    a block, and the remaining constant.
 
     The base's columns are powers of h = H - 1 with H the play of the drive scaled to 0..2; powers
-    of H follow by the binomial rule; returns the block and the constant that is left.
+    of H follow from the binomial theorem.
     """
     base = problem.base
     w = base.full(fitted.weights)
@@ -138,7 +141,8 @@ def _shape(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> tuple[
 
 
 def _memory(problem: Problem, fitted: JointFit) -> Block:
-    """The Dahl columns and the high powers of the rich base; their order is the base's."""
+    """Return the block of the Dahl columns and the high powers of the rich base, in the base's
+    order."""
     base = problem.base
     m = base.lengths.size
     w = base.full(fitted.weights)[5 * base.thresholds.size :]

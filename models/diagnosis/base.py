@@ -1,12 +1,12 @@
-"""The rich rate-independent base: everything that a memory of the drive's path could make.
+"""The rich rate-independent base: all that a memory of the drive's path can produce.
 
 Columns, for the drive scaled to x in -1..1 over its range:
     H_i, H_i^2 ... H_i^5  play operators with polynomial envelopes (12 thresholds)
     Z_j, Z_j x, Z_j^2, Z_j x^2, Z_j^3    Dahl operators (7 lengths): loops of Duhem and
                           Bouc-Wen kind, which plays do not span
     x^4, x^5              and one offset for each recording
-What such a base can fit is hysteresis of some shape, whatever its class; what it leaves depends
-on time, frequency or other channels. It never sees the rate, so lags stay visible.
+What such a base can fit is hysteresis of some shape, whatever its class; its residual depends on
+time, frequency or other channels. It never sees the rate, so lags remain in the residual.
 """
 
 from dataclasses import dataclass
@@ -22,18 +22,18 @@ from dehyst.models.signals.pasts import begin_dahl, begin_plays
 # fractions of the drive's range
 THRESHOLDS = np.array([0, 0.01, 0.025, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.37, 0.45, 0.55])
 LENGTHS = np.array([0.005, 0.015, 0.04, 0.1, 0.2, 0.4, 0.8])
-POWERS_OF_Z = 5  # of the saturation
+POWERS_OF_Z = 5  # highest power of z, for the saturation
 
 
 @dataclass(frozen=True)
 class Base:
-    """Operators of the rich base, with the scale of the drive that they were laid out for."""
+    """Operators of the rich base, with the drive scale that they were laid out for."""
 
     low: float
     span: float
     thresholds: Floats
     lengths: Floats
-    keep: Ints  # columns of the rich base that this one has
+    keep: Ints  # indices of the rich base's columns in this one
 
     @property
     def width(self) -> int:
@@ -45,31 +45,31 @@ class Base:
         return 5 * self.thresholds.size + 5 * self.lengths.size + 2
 
     def full(self, weights: Floats) -> Floats:
-        """Weights of all the rich base's columns, 0 where this base has none."""
+        """Return weights of all the rich base's columns, 0 where this base has none."""
         out = np.zeros(self._all)
         out[self.keep] = weights
         return out
 
     @property
     def priors(self) -> Floats:
-        """(width,) ridge of the columns, by their power: what a new waveform makes of the high
-        powers is the less certain, the higher they are. Set by held-out recordings of stages of
-        three other classes; a factor of ten either way changes little."""
+        """(width,) ridge of the columns, by their power: the higher the power, the less certain its
+        prediction for a new waveform. Set by held-out recordings of stages of three other classes;
+        a factor of ten either way changes little."""
         n, m = self.thresholds.size, self.lengths.size
         power = np.r_[np.repeat([1, 2, 3, 4, 5], n), np.repeat([1, 2, 2, 3, 3], m), 4, 5]
         return np.select([power == 1, power <= 3], [1e-7, 1e-5], 3e-5)[self.keep]
 
     def scaled(self, v: Floats) -> Floats:
-        """Drive in -1..1 over the recorded range."""
+        """Return the drive scaled to -1..1 over the recorded range."""
         return (v - (self.low + 0.5 * self.span)) * (2.0 / self.span)
 
     def columns(self, v: Floats, starts: Ints, rows: Ints | None = None) -> Floats:
-        """(N, width) columns for a drive v (N,), or those of its rows."""
+        """Return (N, width) columns for a drive v (N,), or only the given rows."""
         rows = np.arange(v.size) if rows is None else rows
         if self.width == 0:
             return np.zeros((rows.size, 0))
         x = self.scaled(v)
-        # plays start at the drive's low end, where a de-energised stage stands
+        # plays start at the drive's low end, the state of a de-energised stage
         h = plays(2.0 * self.thresholds, x + 1.0, starts) - 1.0
         z = dahl(2.0 * self.lengths, x, starts)
         out = np.empty((rows.size, self._all))
@@ -77,7 +77,7 @@ class Base:
         return out if self.width == self._all else np.ascontiguousarray(out[:, self.keep])
 
     def combine(self, v: Floats, starts: Ints, weights: Floats) -> Floats:
-        """columns(v) @ weights (N,) without building the columns."""
+        """Return columns(v) @ weights (N,) without building the columns."""
         if self.width == 0:
             return np.zeros(v.size)
         x = self.scaled(v)
@@ -85,25 +85,25 @@ class Base:
 
 
 def rich_base(data: Data) -> Base:
-    """The rich base laid out over the recordings' drive range."""
+    """Return the rich base laid out over the recordings' drive range."""
     every = np.arange(5 * THRESHOLDS.size + 5 * LENGTHS.size + 2)
     return Base(data.u_min, data.span, THRESHOLDS, LENGTHS, every)
 
 
 def compact_base(data: Data) -> Base:
-    """Plays and a cubic of the drive: what a few loops of one waveform can support."""
+    """Return plays and a cubic of the drive: all that a few loops of one waveform can support."""
     n = THRESHOLDS.size
     return Base(data.u_min, data.span, THRESHOLDS, LENGTHS, np.r_[0:n, n, 2 * n])
 
 
 def no_base(data: Data) -> Base:
-    """Nothing beside the model in use."""
+    """Return an empty base: the model in use alone."""
     return Base(data.u_min, data.span, THRESHOLDS, LENGTHS, np.zeros(0, dtype=np.int64))
 
 
 @dataclass(frozen=True)
 class NumbersBase(Base):
-    """What other numbers in the model in use would change, to the first order: its class, not more.
+    """First-order change of the model in use when its parameters change, within its class.
 
     y = P(z), z = sum_i b_i H_i: the columns are P'(z) H_i with the model's thresholds, and powers
     of z (Gauss-Newton about the model).
@@ -122,7 +122,7 @@ class NumbersBase(Base):
         return np.full(self.width, 1e-9)
 
     def columns(self, v: Floats, starts: Ints, rows: Ints | None = None) -> Floats:
-        """(N, width) columns for a drive v (N,), or those of its rows."""
+        """Return (N, width) columns for a drive v (N,), or only the given rows."""
         one = self.hysteresis
         h = plays(one.r, v - one.u_offset, starts)[slice(None) if rows is None else rows]
         z = h @ one.b
@@ -132,18 +132,18 @@ class NumbersBase(Base):
         return np.column_stack([h * np.reshape(slope, (-1, 1)), *bent])
 
     def combine(self, v: Floats, starts: Ints, weights: Floats) -> Floats:
-        """columns(v) @ weights (N,)."""
+        """Return columns(v) @ weights (N,)."""
         return self.columns(v, starts) @ weights
 
 
 def numbers_base(data: Data, hysteresis: Hysteresis) -> Base:
-    """The base of a hysteresis' own class."""
+    """Return the base of a hysteresis' own class."""
     return NumbersBase(**vars(no_base(data)), hysteresis=hysteresis)
 
 
 @dataclass(frozen=True)
 class Leaning:
-    """What a base is held to where nothing was recorded: columns (m, width), target (m,)."""
+    """Target for the base where nothing was recorded: columns (m, width), target (m,)."""
 
     columns: Floats
     target: Floats

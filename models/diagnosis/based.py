@@ -1,5 +1,6 @@
-"""What the search stands on: Prepared -> Based. The base, rich, and on the identified model where
-that alone predicts better; earlier where the recorder holds each command or is a row off."""
+"""Choose the problem that the search works on: Prepared -> Based. The base is rich, and is added to
+the identified model where that alone predicts better; the drive is shifted earlier where the
+recorder holds each command or is a row off."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -32,8 +33,8 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Prepared:
-    """whole: all samples; data: those that are fitted, each recording behind the past that fits it;
-    subject: the model in use."""
+    """whole: all samples; data: those that are fitted, each recording with the past that fits it
+    best; subject: the model in use."""
 
     whole: Data
     data: Data
@@ -42,28 +43,28 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Footing:
-    """A problem, its fit without effects, and the noise that is reckoned with [rms]."""
+    """A problem, its fit without effects, and the assumed noise [rms]."""
 
     problem: Problem
     null: JointFit
     sigma: float
 
     def on(self, problem: Problem) -> "Footing":
-        """The same on another problem."""
+        """Return the same on another problem."""
         same = problem is self.problem
         return self if same else replace(self, problem=problem, null=problem.solve([]))
 
     def at_own_noise(self) -> "Footing":
-        """The same at the noise of what the fit leaves."""
+        """Return the same with the noise estimated from the fit's residual."""
         data = self.problem.data
         return replace(self, sigma=noise_rms(data, self.null.residual(data)))
 
 
 @dataclass(frozen=True)
 class Based:
-    """What the search stands on. whole: all samples; bare: the model in use alone; footing: base
-    and drive that explain most without effects, the episode taken off the reading; foreign: what is
-    to be said of a model of another stage, or ""."""
+    """The problem that the search works on. whole: all samples; bare: the model in use alone;
+    footing: base and drive that explain most without effects, the episode subtracted from the
+    reading; foreign: the warning about a model of another stage, or ""."""
 
     whole: Data
     bare: Problem
@@ -75,8 +76,8 @@ class Based:
 def join_recordings(
     recordings: Sequence[Recording], model: Model | None, say: Progress
 ) -> Prepared:
-    """The recordings on their grids, and the model in use, which is identified where there is
-    none."""
+    """Return the recordings on their grids, and the model in use, which is identified if none is
+    given."""
     say("preparing", 0.0)
     whole = prepare(recordings, were_de_energised(recordings))
     say("the model in use", 0.02)
@@ -86,7 +87,8 @@ def join_recordings(
 
 
 def choose_base(prepared: Prepared, several: Callable[..., Iterable[Any]], say: Progress) -> Based:
-    """The base, the drive and its way between the samples by what they explain without effects."""
+    """Choose the base, the drive and its path between the samples by what they explain without
+    effects."""
     data, subject = prepared.data, prepared.subject
     problem = Problem(data, rich_base(data), subject, several)
     rich = Footing(problem, problem.solve([]), 0.0).at_own_noise()
@@ -101,7 +103,7 @@ def choose_base(prepared: Prepared, several: Callable[..., Iterable[Any]], say: 
     finer = with_path_between(fed.problem.data, fed.sigma)
     if finer is not fed.problem.data:
         fed = fed.on(replace(fed.problem, data=finer)).at_own_noise()
-    # what acts for a part of the time is reported with that time; no other physics explains it
+    # what acts for part of the time is reported with that time; no other physics explains it
     episode = find_episodes(finer, fed.null.residual(finer), fed.sigma)
     if episode is not None:
         fed = fed.on(replace(fed.problem, data=replace(finer, y=finer.y - episode.removed)))
@@ -109,13 +111,15 @@ def choose_base(prepared: Prepared, several: Callable[..., Iterable[Any]], say: 
 
 
 def on_the_model(problem: Problem, null: JointFit) -> Problem:
-    """The problem with the model in use under the base, or without it, whichever predicts better.
+    """Return the problem with the base added to the model in use, or with the base alone, whichever
+    predicts better.
 
-    An identified model comes under the base where it alone predicts better than the base does:
-    then no effect has distorted it, and the base need not find it again. A given one is taken away
-    where the base without it predicts much better: an effect has distorted it so that the base
-    cannot mend it. (Creep makes a recording that begins at rest look as if the stage had been moved
-    before.) Not where it has blocks: they would be found as if they were news.
+    The base is added to an identified model where that model alone predicts better than the base:
+    then no effect has distorted it, and the base need not find it again. A given model is removed
+    where the base predicts much better without it: an effect has distorted it so that the base
+    cannot correct it. (Creep makes a recording that begins at rest look as if the stage had been
+    moved before.) A given model with blocks stays: otherwise its blocks would be found as if they
+    were new.
     """
     subject, over_base = problem.subject, by_blocks(problem, null)
     if subject.carries:
@@ -131,13 +135,15 @@ def on_the_model(problem: Problem, null: JointFit) -> Problem:
 
 
 def earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
-    """The problem with the drive half a sample or a whole one earlier, where that explains much of
-    the misfit; a whole one where it explains all of it, because loops that narrow with the rate
-    look early, too. None where a drive one sample later explains as much: something is late.
+    """Return the problem with the drive half a sample or a whole sample earlier, where that
+    explains much of the misfit. A whole sample must explain all of it, because loops that narrow
+    with the rate look early, too. Return None where a drive one sample later explains as much: then
+    something is late.
 
     Nothing physical leads the drive. A recorder that holds each command and reads at the end of the
-    sample does by half a sample, against the straight lines between samples that all models here
-    assume; one that writes a reading into the row before does by a whole one.
+    sample makes the reading lead by half a sample, relative to the straight lines between samples
+    that all models here assume; one that writes a reading into the row before makes it lead by a
+    whole sample.
     """
     found, left = None, excess(problem, null, sigma)
     for samples in (0.5, 1.0):
@@ -156,7 +162,8 @@ def earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | N
 
 
 def _with_drive_moved(data: Data, samples: float) -> Data:
-    """The drive so many samples earlier: a part of one along the way to it, or whole rows."""
+    """Return the data with the drive that many samples earlier: half a sample by interpolation,
+    otherwise by whole rows."""
     if samples == 0.5:
         u = data.u + 0.5 * np.where(data.starts, 0.0, np.diff(data.u, prepend=0.0))
         return replace(data, u=u, early=samples)
@@ -166,18 +173,19 @@ def _with_drive_moved(data: Data, samples: float) -> Data:
 
 
 def _left_by_base(problem: Problem, sigma: float) -> float:
-    """Mean square beyond the noise that a loop of any shape leaves."""
+    """Return the mean square beyond the noise that a loop of any shape leaves."""
     light = problem.light(TUNING.search_rows)
     return excess(light, light.solve([]), sigma)
 
 
 def fed_by_steps(problem: Problem, null: JointFit, sigma: float) -> Problem:
-    """The problem with lags and modes fed by steps, where one of them leaves much less so.
+    """Return the problem with lags and modes fed by steps, where one of them then leaves much less.
 
-    A loop writes a command and leaves it: where the hysteresis alone is between the drive and what
-    is read just before the next command, nothing shows of it; what is behind it begins half a
-    sample earlier than straight lines between the samples say. Fitted to these, a mode leaves as
-    much again as its own share, and friction is reported beside it.
+    A control loop writes a command and holds it. If only the hysteresis lies between the drive and
+    a reading taken just before the next command, the hold does not show; dynamics after the
+    hysteresis respond half a sample earlier than straight lines between the samples predict. Fitted
+    with straight lines, a mode leaves as much again as its own share, and friction is reported in
+    addition.
     """
     if problem.data.early or excess(problem, null, sigma) < (TUNING.strong * sigma) ** 2:
         return problem
@@ -189,9 +197,10 @@ def fed_by_steps(problem: Problem, null: JointFit, sigma: float) -> Problem:
 
 
 def _least_left(problem: Problem, start: JointFit, sigma: float) -> float:
-    """Mean square beyond the noise that the best of what shows how it is fed leaves alone: the
-    plainest of each name that acts behind the hysteresis, within a period of the drive. What rings
-    through a recording is none of the stage's: so a line of the surroundings is copied."""
+    """Return the least mean square beyond the noise that one candidate leaves, of those that show
+    how they are fed: the plainest of each name that acts on the hysteresis' output, within a period
+    of the drive. A mode that rings through a whole recording is not the stage's: it copies a line
+    of the surroundings."""
     shortest_s = float((np.bincount(problem.data.rec) * problem.data.period).min())
     look, left = Screen(problem, start), [excess(problem, start, sigma)]
     fed = [c for c in list_candidates(problem.data) if c.mode == "output" and not c.lasting]
@@ -206,7 +215,7 @@ def _least_left(problem: Problem, start: JointFit, sigma: float) -> float:
 
 
 def of_another_stage(bare: Problem, null: JointFit, sigma: float) -> str:
-    """What is to be said of a given model that is far off these recordings; "" where it is not."""
+    """Return the warning for a given model that is far off these recordings; "" where it is not."""
     if not bare.subject.given:
         return ""
     n = int(bare.data.rows.sum())

@@ -1,4 +1,4 @@
-"""Effects: candidates with the values of their nonlinear parameters, as the fits move them."""
+"""Effects: candidates with values of their nonlinear parameters, as the fits vary them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,12 +26,12 @@ class Effect:
 
 
 def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Effects in their place of the cascade."""
+    """Return the effects in the order of the cascade."""
     return tuple(sorted(effects, key=lambda e: e.candidate.order))
 
 
 def drive_behind(data: Data, effects: Sequence[Effect]) -> Floats:
-    """Drive (N,) that reaches the hysteresis."""
+    """Return the drive (N,) that reaches the hysteresis."""
     v = data.u
     for e in effects:
         if e.candidate.mode == "drive":
@@ -40,7 +40,7 @@ def drive_behind(data: Data, effects: Sequence[Effect]) -> Floats:
 
 
 def behind_output(data: Data, effects: Sequence[Effect], x: Floats) -> Floats:
-    """Columns (N, k) behind the effects that act on the hysteresis' output."""
+    """Return columns (N, k) filtered by the effects that act on the hysteresis' output."""
     for e in effects:
         if e.candidate.mode == "output":
             x = e.candidate.output(data, x, e.theta)
@@ -48,8 +48,8 @@ def behind_output(data: Data, effects: Sequence[Effect], x: Floats) -> Floats:
 
 
 def internal(effects: Sequence[Effect]) -> Floats:
-    """Nonlinear parameters of all effects, logarithms where they are searched so, else scaled
-    by their range so that a step of one is large."""
+    """Return the nonlinear parameters of all effects: logarithms for those searched on a
+    logarithmic scale, the others scaled by their range, so that a step of one is large."""
     out = []
     for e in effects:
         for p, v in zip(e.parameters, e.theta, strict=True):
@@ -58,7 +58,8 @@ def internal(effects: Sequence[Effect]) -> Floats:
 
 
 def moved(effects: Sequence[Effect], p: Floats, step: Floats) -> tuple[Effect, ...]:
-    """Effects with their internal parameters p moved by step, held in their bounds."""
+    """Return the effects with their internal parameters p moved by step, clipped to their
+    bounds."""
     out, i = [], 0
     for e in effects:
         theta = []
@@ -72,7 +73,7 @@ def moved(effects: Sequence[Effect], p: Floats, step: Floats) -> tuple[Effect, .
 
 
 def on_bound(effect: Effect) -> list[str]:
-    """Keys of parameters that stand on a bound: not identified."""
+    """Return the keys of parameters at a bound, which are not identified."""
     out = []
     for p, v in zip(effect.parameters, effect.theta, strict=True):
         if p.log:

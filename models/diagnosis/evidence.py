@@ -1,12 +1,12 @@
-"""What an effect is worth: what it predicts of held-out samples, and whether it is the same
+"""Evidence for an effect: how well it predicts held-out samples, and whether it is the same
 everywhere.
 
-Held out is one group of short time blocks after the other, each predicted by weights that never saw
+Groups of short time blocks are held out in turn, each predicted by weights that were fitted without
 it. The nonlinear parameters stay (a handful against thousands of samples).
 
-With x the effect's contribution and r the residual without it, both projected off everything
-else that is fitted, the amplitude over a group of samples is <x, r> / <x, x>: 1 over all of them
-by the fit. A real effect has 1 in every group; error of the base that an effect imitates has
+With x the effect's contribution and r the residual without it, both projected off everything else
+that is fitted, the amplitude over a group of samples is <x, r> / <x, x>; the fit makes it 1 over
+all of them. A real effect has 1 in every group; an effect that imitates an error of the base has
 amplitudes that scatter, and often the wrong sign in some recordings.
 """
 
@@ -22,11 +22,11 @@ from dehyst.models.signals.joined import Floats, Ints
 
 @dataclass(frozen=True)
 class Constancy:
-    """Amplitudes by time block and by recording, 1 over all.
+    """Amplitudes by time block and by recording; 1 over all.
 
-    spread: rms deviation from 1 over the blocks, weighted by what each block can tell, beyond
-    what the noise makes; by_recording: (recordings,) amplitude; wrong: part of the fitted
-    contribution's power in recordings that contradict it.
+    spread: rms deviation from 1 over the blocks, weighted by each block's share of the
+    contribution's power, beyond what noise causes; by_recording: (recordings,) amplitude; wrong:
+    share of the fitted contribution's power in recordings that contradict it.
     """
 
     spread: float
@@ -35,19 +35,19 @@ class Constancy:
 
 
 def contribution(problem: Problem, fitted: JointFit, effect: Effect) -> tuple[Floats, Floats]:
-    """x (N,), r (N,): contribution of an effect and residual without it, both projected.
+    """Return x (N,), r (N,): contribution of an effect and residual without it, both projected.
 
     The other effects keep their nonlinear parameters; all linear weights are refitted.
     """
     without = problem.without(fitted, effect)
-    # what the joint fit gains, seen at each sample
+    # gain of the joint fit at each sample
     x = fitted.prediction - without.prediction
     r = problem.data.y - without.prediction
     return x, r
 
 
 def constancy(problem: Problem, sigma: float, x: Floats, r: Floats) -> Constancy:
-    """Amplitudes of a contribution over blocks and recordings."""
+    """Compute the amplitudes of a contribution over blocks and recordings."""
     data = problem.data
     used = data.rows
 
@@ -72,8 +72,8 @@ def constancy(problem: Problem, sigma: float, x: Floats, r: Floats) -> Constancy
 
 
 def by_blocks(problem: Problem, fitted: JointFit) -> float:
-    """Mean square error over all groups of short time blocks, each predicted by a fit without it.
-    What is in no group (below 0) is always fitted and never predicted."""
+    """Return the mean square error over all groups of short time blocks, each predicted by a fit
+    without it. Samples in no group (below 0) are always fitted and never predicted."""
     data, x = problem.data, fitted.design
     groups, left = problem.counted(data.fold), problem.counted(data.y - fitted.fixed)
     ids = np.unique(groups[groups >= 0])

@@ -1,11 +1,11 @@
 """Joint refits: the base and every effect at once, nonlinear parameters by variable projection.
 
-A given model stands fixed, and the base's columns correct its hysteresis. The drive passes the
-effects' drive parts and the model's, the base makes columns of it, the model's further parts and
-the effects' output parts filter them, additive columns and one offset per recording join, and the
-linear weights follow from ridge-regularised normal equations. Nonlinear parameters follow by
-Gauss-Newton on the projected residual (Golub and Pereyra 1973, in Kaufman's 1975 approximation: the
-derivative at fixed weights, projected off the columns).
+A given model stays fixed, and the base's columns correct its hysteresis. The drive passes the drive
+parts of the effects and of the model; the base makes columns of it; the model's further parts and
+the effects' output parts filter them; additive columns and one offset per recording are appended;
+and the linear weights follow from ridge-regularised normal equations. Nonlinear parameters follow
+by Gauss-Newton on the projected residual (Golub and Pereyra 1973, in Kaufman's 1975 approximation:
+the derivative at fixed weights, projected off the columns).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -39,22 +39,22 @@ Array = TypeVar("Array", Floats, Ints, Bools)
 class Problem:
     """Data, base and model in use of one diagnosis, with what the fits share.
 
-    several: how independent fits are run: `map`, or an executor's for some at once. around: a fit
-    of the same drive, about which the base is taken as it is there: effects act on what its weights
-    make, and pass by what is fitted beside it. With effects as small as the noise, what they would
-    make of that is of second order, and a fit need not build the base's columns anew.
+    several: how independent fits are run: `map`, or an executor's map to run some at once. around:
+    a fit with the same drive, about which the base is linearised: the base's columns are those of
+    that fit's effects, and new effects act on the output of its weights only. For effects as small
+    as the noise the error is of second order, and a fit need not rebuild the base's columns.
     """
 
     data: Data
     base: Base
     subject: Subject = NO_MODEL
     several: Callable[..., Iterable[Any]] = map
-    leaning: Leaning = NO_LEANING  # rows beside the recorded ones
-    stiffness: float = 1.0  # times the base's prior
+    leaning: Leaning = NO_LEANING  # rows in addition to the recorded ones
+    stiffness: float = 1.0  # factor on the base's prior
     around: JointFit | None = None
 
     def __post_init__(self) -> None:
-        self._solutions: list[int] = []  # width of each; appending is safe where fits run at once
+        self._solutions: list[int] = []  # width of each; appending is thread-safe
         self._columns = Columns(self.base, self.subject)
         self._kept_base: tuple[Floats, Floats] | None = None
         self.row_index = np.flatnonzero(self.data.rows)
@@ -62,53 +62,55 @@ class Problem:
 
     @cached_property
     def one_loop_alone(self) -> bool:
-        """Whether the drive goes round one loop alone."""
+        """Whether the drive only repeats a single loop."""
         return one_loop_alone(self.data)
 
     @cached_property
     def few_places(self) -> bool:
-        """Whether the drive is seen in no more places of its path than a rich base has columns."""
+        """Whether the drive is sampled at no more distinct places of its path than a rich base has
+        columns."""
         return places_seen(self.data) <= rich_base(self.data).width
 
     @property
     def solved(self) -> int:
-        """Full solutions so far."""
+        """Number of full solutions so far."""
         return len(self._solutions)
 
     def light(self, most: int) -> "Problem":
-        """The same problem with at most about `most` rows counted, evenly taken; every operator
-        still runs through all samples."""
+        """Return the same problem with at most about `most` rows counted, evenly spaced; every
+        operator still runs through all samples."""
         every = max(1, int(self.row_index.size // most))
         rows = np.zeros(self.data.n, dtype=bool)
         rows[self.row_index[::every]] = True
         return self if every == 1 else self._alike(False, data=replace(self.data, rows=rows))
 
     def with_reading(self, y: Floats) -> "Problem":
-        """The same problem with another reading (N,)."""
+        """Return the same problem with another reading (N,)."""
         return self._alike(True, data=replace(self.data, y=y))
 
     def with_steps(self, stepped: bool = True, led: bool = False) -> "Problem":
-        """The same problem, lags and modes fed by steps, or by straight lines between samples (led:
-        half a sample earlier)."""
+        """Return the same problem with lags and modes fed by steps, or by straight lines between
+        samples (led: half a sample earlier)."""
         return self._alike(True, data=replace(self.data, stepped=stepped, led=led))
 
     def one_by_one(self) -> "Problem":
-        """The same, whose fits run one after the other: where whole questions run at once."""
+        """Return the same problem with its fits run one after the other, for use where whole
+        searches run in parallel."""
         return self._alike(True, several=map)
 
     def about(self, fitted: JointFit) -> "Problem":
-        """The same problem about a fit."""
+        """Return the same problem linearised about a fit."""
         return self._alike(False, around=fitted)
 
     def _alike(self, same_base: bool, **changes: Any) -> "Problem":
-        """The same of the same drive, but for changes."""
+        """Return the same problem with changes that leave the drive as it is."""
         out = replace(self, **changes)
         out._columns = self._columns
         out._kept_base = self._kept_base if same_base else None
         return out
 
     def penalty(self, size: int) -> Floats:
-        """Ridge of each of a design's columns, as a part of its mean square."""
+        """Return the ridge of each column of a design, relative to its mean square."""
         out = np.full(size, TUNING.ridge)
         k = len(self.data.names)
         out[:k] = 1e-13
@@ -116,14 +118,14 @@ class Problem:
         return out
 
     def counted(self, x: Array) -> Array:
-        """The rows that count."""
+        """Return the rows that count."""
         return x if self.all_rows else x[self.row_index]
 
     def solve(self, effects: Sequence[Effect], output: Floats | None = None) -> JointFit:
-        """Linear weights at fixed nonlinear parameters.
+        """Solve for the linear weights at fixed nonlinear parameters.
 
-        output: hysteresis' output (N,) of an earlier fit, for columns that depend on it; None:
-        the reading stands in.
+        output: hysteresis' output (N,) of an earlier fit, for columns that depend on it; None: the
+        reading is used instead.
         """
         data = self.data
         effects = in_order(effects)
@@ -170,13 +172,14 @@ class Problem:
         )
 
     def without(self, fitted: JointFit, effect: Effect) -> JointFit:
-        """A fit without one of its effects; the others keep their nonlinear parameters."""
+        """Return a fit without one of its effects; the others keep their nonlinear parameters."""
         rest = [e for e in fitted.effects if e is not effect]
         return self.solve(rest, self.output_of(fitted))
 
     def _base_of(self, effects: Sequence[Effect], v: Floats) -> tuple[Floats, Floats]:
-        """The offsets' and the base's columns on the counted rows behind the effects, for a drive
-        v (M,) that has passed them, and the columns' products. Not to be written to."""
+        """Return the columns of the offsets and the base on the counted rows, filtered by the
+        effects, for a drive v (M,) that has passed their drive parts, and the columns' Gram matrix.
+        Read-only."""
         modes = {e.candidate.mode for e in effects}
         keep = self.around is not None or not modes & {"drive", "output"}
         if keep and self._kept_base is not None:
@@ -191,7 +194,8 @@ class Problem:
         return out
 
     def _added(self, effects: Sequence[Effect], v: Floats, weights: Floats) -> Floats:
-        """(N,) what the base adds, behind the model's and the effects' further parts."""
+        """Return (N,) what the base adds, filtered by the model's further blocks and the
+        effects."""
         if not self.base.width:
             return np.zeros(self.data.n)
         path = self.data.path
@@ -206,9 +210,9 @@ class Problem:
         output: Floats,
         known: dict[Any, Floats] | None = None,
     ) -> Floats:
-        """Prediction (N,) at other nonlinear parameters and the same weights.
+        """Return the prediction (N,) at other nonlinear parameters and the same weights.
 
-        known: parts that calls with the same weights and output may share; filled here.
+        known: cache shared by calls with the same weights and output; filled here.
         """
         data = self.data
         known = {} if known is None else known
@@ -238,15 +242,17 @@ class Problem:
         return y
 
     def output_of(self, fitted: JointFit) -> Floats:
-        """The stage's displacement (N,) without additive parts, with the mean offset."""
+        """Return the stage's displacement (N,) without additive parts, with the mean offset."""
         return fitted.fixed + fitted.added + float(fitted.offsets.mean())
 
     def drive_at_hysteresis(self, effects: Sequence[Effect]) -> Floats:
-        """(M,) drive on its path, behind the effects' drive parts and the model's."""
+        """Return the (M,) drive on its path, after the drive parts of the effects and of the
+        model."""
         return self.subject.drive(self.data.path, drive_behind(self.data.path, effects))
 
     def projector(self, fitted: JointFit) -> Callable[[Floats], Floats]:
-        """Maps x (N, k) to its counted rows, less what the columns of a fit can make."""
+        """Return a function that maps x (N, k) to its counted rows, projected off the columns of a
+        fit."""
         design = fitted.design
 
         def project(x: Floats) -> Floats:
@@ -262,12 +268,13 @@ class Problem:
         start: JointFit | None = None,
         settle: float | None = None,
     ) -> JointFit:
-        """Joint fit of everything, nonlinear parameters by damped Gauss-Newton in bounds.
+        """Fit everything jointly, nonlinear parameters by damped Gauss-Newton within bounds.
 
-        Between two full solutions a few steps are taken with the design of the last one: the
-        base's columns change little with the effects, so their span still projects the base out.
-        start: a fit without some of the effects, whose sum of squares is the one to beat.
-        settle: fall of the sum of squares at which it stops; None: early, to rank candidates.
+        Between two full solutions a few steps reuse the design of the last one: the base's columns
+        change little with the effects, so their span still projects the base out. start: a fit
+        without some of the effects, whose sum of squares is the reference for the gain. settle:
+        fall of the sum of squares at which it stops; None: it stops early, which is enough to rank
+        candidates.
         """
         effects = in_order(effects)
         best = self.solve(effects, None if start is None else self.output_of(start))
@@ -292,8 +299,8 @@ class Problem:
         return best
 
     def _inner(self, fitted: JointFit, reach: float, steps: int = 4) -> tuple[Effect, ...] | None:
-        """Damped Gauss-Newton steps against the projected residual with a fixed design; None
-        where no step helps. reach: largest step of an internal parameter."""
+        """Take damped Gauss-Newton steps against the projected residual with a fixed design; return
+        None where no step helps. reach: largest step of an internal parameter."""
         out = self.output_of(fitted)
         project = self.projector(fitted)
         here, effects = fitted, fitted.effects
@@ -326,7 +333,8 @@ class Problem:
     def jacobian(
         self, fitted: JointFit, output: Floats, known: dict[Any, Floats] | None = None
     ) -> tuple[Floats, Floats]:
-        """Internal parameters (p,) and derivative (N, p) of the prediction at fixed weights."""
+        """Return internal parameters (p,) and the derivative (N, p) of the prediction at fixed
+        weights."""
         p = internal(fitted.effects)
         known = {} if known is None else known
         here = self.simulate(fitted, fitted.effects, output, known)

@@ -1,9 +1,9 @@
-"""Which model is written: the one that predicts what it was not fitted to.
+"""Choose which model is written: the one that best predicts what it was not fitted to.
 
-A shape is known where the recordings went. Beyond, on the way up from rest that no recording shows,
-powers of its operators may go anywhere. There the base is held to the model in use, by rows that
-were not recorded and weigh a millionth: what the recordings tell stays as it is. Where that does
-not hold it, they weigh more.
+A shape is known where the recordings went. Beyond, such as on the first sweep from rest that no
+recording shows, powers of its operators may diverge. There the base is pulled towards the model in
+use by unrecorded rows with a weight of one millionth, which leaves the fit of the recorded rows
+unchanged. If that is not enough, their weight is increased.
 """
 
 from collections.abc import Iterator
@@ -28,11 +28,12 @@ from dehyst.models.signals.pasts import FRESH
 
 @dataclass(frozen=True)
 class Handed:
-    """The model that is written; contains: keys of the effects in it, and whether the shape is.
+    """The model that is written; contains, contains_shape: keys of the effects in it, and whether
+    the base's shape is.
 
-    held: what it leaves of rows that it was not fitted to; held_in_use: what the model in use
-    leaves of the same rows, as it is, also where it was identified from them; gained: whether it is
-    another than the model in use.
+    held: errors on rows that it was not fitted to; held_in_use: errors of the model in use on the
+    same rows, as it is, also where it was identified from them; gained: whether it differs from the
+    model in use.
     """
 
     model: Model
@@ -43,16 +44,16 @@ class Handed:
     gained: bool = False
 
     def explains(self, noise: float) -> bool:
-        """Whether something was gained, and what is left is near the noise [rms]."""
+        """Return whether something was gained and the remaining error is near the noise [rms]."""
         return self.gained and self.held.known <= (TUNING.near * noise) ** 2
 
 
 def hand_out(data: Data, bare: Problem, weighed: Conclusion, sigma: float) -> Handed:
-    """Of the models with what was found, the plainest that predicts what it was not fitted to as
-    well as the best does, and its worst recording no worse than the model in use its own; the model
-    in use, where none predicts better than it or all would go astray. data: all samples."""
+    """Return the plainest model that predicts what it was not fitted to as well as the best does,
+    with the worst recording no worse than with the model in use; the model in use where none
+    predicts better or all would diverge. data: all samples."""
     problem, final = weighed.problem, weighed.final
-    if problem.data.between is not None:  # a model runs along straight lines
+    if problem.data.between is not None:  # a model assumes straight lines between samples
         problem = replace(problem, data=replace(problem.data, between=None))
         final = problem.refit(final.effects)
     if problem.data.stepped:
@@ -72,7 +73,7 @@ def hand_out(data: Data, bare: Problem, weighed: Conclusion, sigma: float) -> Ha
             model = choice.write()
             if not stays_in_reach(model, data):
                 return None
-        except BadModel:  # a value that no model may have
+        except BadModel:  # a parameter value that the model format does not allow
             return None
         if held.mean_square > best.held.mean_square - noise:
             return None
@@ -94,15 +95,16 @@ def hand_out(data: Data, bare: Problem, weighed: Conclusion, sigma: float) -> Ha
 
 
 def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[WritableFit]:
-    """What may be written, the plainest first: the effects around the model in use, without each
-    of them, around a hysteresis that was fitted again beside them, and with the shape of the base,
-    the stiffer held the earlier."""
+    """Yield the models that may be written, the plainest first: the effects around the model in
+    use, the same without each of them, the effects around a hysteresis that was refitted with them,
+    and last with the shape of the base, from the strongest regularisation of the base to the
+    weakest."""
     effects = final.effects
     subsets = [effects, *([e for e in effects if e is not one] for one in effects)]
     for some in subsets[: 1 if len(effects) < 2 else None]:
         yield WritableFit(bare, bare.refit(some) if some else bare.solve([]), False)
     if not problem.base.width or _knows_each_alone(problem) or problem.one_loop_alone:
-        return  # one loop says nothing of another's shape, whichever of its rows are left out
+        return  # one loop does not show another's shape, whichever of its rows are left out
     output = problem.output_of(final)
     if effects and not problem.subject.given:
         yield Refitted(problem, final, False)
@@ -114,17 +116,18 @@ def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[Writa
 
 
 def as_blocks(problem: Problem, fit: JointFit) -> tuple[Problem, JointFit]:
-    """A fit by steps as blocks can hold it, which are fed by straight lines: behind a lead of half
-    a sample where that leaves less. It leads all that passes the mode, also what the mode does not
-    carry, and does not where that is most."""
+    """Convert a fit with steps into one that blocks can represent, which are fed by straight lines:
+    with a lead of half a sample where that leaves less. The lead shifts all that passes the mode,
+    also what the mode does not change, and is not used where that dominates."""
     fed = [problem.with_steps(False, led) for led in (False, True)]
     both = [(one, one.refit(fit.effects)) for one in fed]
     return min(both, key=lambda pair: pair[1].sse)
 
 
 def lean_on_the_model(problem: Problem, weight: float) -> Problem:
-    """The problem with rows of a slow way from rest over the whole range, on which the base is held
-    to the model in use. weight: of all these rows, in that of the recorded ones."""
+    """Return the problem with added rows of a slow drive from rest over the whole range, on which
+    the base is pulled towards the model in use. weight: total weight of these rows, relative to the
+    recorded ones."""
     data, base = problem.data, problem.base
     u = slow_ways(data)
     starts = np.zeros(u.size, dtype=np.int64)
@@ -139,5 +142,6 @@ def lean_on_the_model(problem: Problem, weight: float) -> Problem:
 
 
 def _knows_each_alone(problem: Problem) -> bool:
-    """Whether the base has learned places one by one, and nothing of what lies between them."""
+    """Return whether the base has fitted individual places of the path, and nothing between
+    them."""
     return problem.few_places and problem.base.width == rich_base(problem.data).width

@@ -1,12 +1,12 @@
 """95 % intervals of the parameters of a joint fit.
 
-White noise alone would give intervals far too narrow when the base leaves an error of its own, so
-the spread between time blocks counts too: the sandwich of the blocks' scores, each freed of what
-the fit has taken from its own residual, the base's part included (R. Bell, D. McCaffrey, Survey
-Methodology 28, 2002, "bias reduced linearisation"), with Student's t for so many blocks. The wider
-of the two holds. What sampling leaves open (`Parameter.sure`, `within`) adds to it as an error of
-its own. Before the recordings a nonlinear parameter is known to lie within its bounds: a
-time that they say nothing of does not make the size beside it unknown as well.
+White noise alone would give intervals far too narrow where the base has an error of its own, so the
+spread between time blocks counts too: the sandwich of the blocks' scores, each corrected for the
+leverage of the fit on its own residual, the base's part included (R. Bell, D. McCaffrey, Survey
+Methodology 28, 2002, "bias reduced linearisation"), with Student's t for that number of blocks. The
+wider of the two is used. The uncertainty that sampling causes (`Parameter.sure`, `within`) is added
+as an independent error. As a prior, a nonlinear parameter lies within its bounds, so that a time
+constant that the recordings do not determine does not make the size unknown as well.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from dehyst.models.signals.joined import Floats
 
 
 def intervals(problem: Problem, fitted: JointFit, sigma: float) -> list[dict[str, Value]]:
-    """For each effect of the fit, in order: parameter key -> value with its interval."""
+    """Return, for each effect of the fit in order, parameter key -> value with its interval."""
     if not fitted.effects:
         return []
     cov = _covariance(problem, fitted, sigma)
@@ -41,8 +41,8 @@ def intervals(problem: Problem, fitted: JointFit, sigma: float) -> list[dict[str
 
 
 def _values(fitted: JointFit, index: int, p: Floats, cov: Floats, least: float) -> dict[str, Value]:
-    """Reported values of one effect; their intervals by differences through what it reports. least:
-    relative half width of what is fitted."""
+    """Return the reported values of one effect, with intervals by finite differences of the
+    reported values. least: smallest relative half width of the nonlinear parameters."""
     effect, amplitudes = fitted.effects[index], fitted.amplitudes[index]
     best = effect.candidate.values(effect.theta, amplitudes)
     count = len(effect.theta)
@@ -52,7 +52,7 @@ def _values(fitted: JointFit, index: int, p: Floats, cov: Floats, least: float) 
         p.key: max(p.sure + (p.within / abs(v) if p.within else 0.0), least)
         for p, v in zip(effect.parameters, effect.theta, strict=True)
     }
-    most = {p.key: p.high for p in effect.parameters if p.whole}  # all that there can be
+    most = {p.key: p.high for p in effect.parameters if p.whole}  # bounds that are limits
     log = {key: value > 0 for key, (value, _) in best.items()}
     for j in range(cov.shape[0]):
         size = max(float(np.sqrt(cov[j, j])), 1e-12)
@@ -94,7 +94,7 @@ def _stepped(effect: Effect, own: Floats, j: int, step: float) -> tuple[float, .
 
 
 def _spread_before(effects: Sequence[Effect]) -> Floats:
-    """Standard deviation of each internal parameter that may be anywhere within its bounds."""
+    """Return the prior standard deviation of each internal parameter, uniform within its bounds."""
     width = [
         np.log(p.high / p.low) if p.log else 1.0 for effect in effects for p in effect.parameters
     ]
@@ -102,14 +102,15 @@ def _spread_before(effects: Sequence[Effect]) -> Floats:
 
 
 def _covariance(problem: Problem, fitted: JointFit, sigma: float) -> Floats:
-    """Of all internal parameters, then all amplitudes of the additive columns."""
+    """Return the covariance of all internal parameters, then of all amplitudes of the additive
+    columns."""
     data = problem.data
     nuisance = len(data.names) + problem.base.width
     base, extra = fitted.design[:, :nuisance], fitted.design[:, nuisance:]
     _, jac = problem.jacobian(fitted, problem.output_of(fitted))
     x = np.concatenate([base, problem.counted(jac), extra], axis=1)
     residual = problem.counted(data.y - fitted.prediction)
-    known = np.zeros(x.shape[1])  # before the recordings: of what they say nothing, all there is
+    known = np.zeros(x.shape[1])  # prior: all that is known where the recordings say nothing
     known[nuisance : nuisance + jac.shape[1]] = (sigma / _spread_before(fitted.effects)) ** 2
     unit = np.sqrt(np.maximum(np.sum(x**2, axis=0) + known, 1e-30))
     x = x / unit

@@ -1,4 +1,4 @@
-"""What a joint fit of the base and the effects gives."""
+"""The result of a joint fit of the base and the effects."""
 
 from dataclasses import dataclass, field
 
@@ -21,15 +21,15 @@ class JointFit:
     sse: float
     cov: Floats  # inverse of the normal matrix, times noise variance: covariance of all weights
     design: Floats = field(repr=False)  # (counted rows, columns): offsets, base, additive
-    fixed: Floats = field(repr=False)  # (N,): the model in use, behind the effects
-    added: Floats = field(repr=False)  # (N,): what the base adds to it, behind the effects
+    fixed: Floats = field(repr=False)  # (N,): the model in use, filtered by the effects
+    added: Floats = field(repr=False)  # (N,): what the base adds to it, filtered by the effects
 
     def residual(self, data: Data) -> Floats:
-        """Measured minus predicted (N,)."""
+        """Return measured minus predicted (N,)."""
         return data.y - self.prediction
 
     def amplitudes_of(self, effect: Effect) -> Floats:
-        """Of one effect's additive columns."""
+        """Return the amplitudes of one effect's additive columns."""
         return self.amplitudes[self.effects.index(effect)]
 
     @property
@@ -39,8 +39,8 @@ class JointFit:
 
 
 def solve_ridged(gram: Floats, moment: Floats, penalty: Floats) -> tuple[Floats, Floats]:
-    """Weights (k,) of normal equations, and the inverse of their matrix. penalty: ridge of each
-    column, as a part of its mean square."""
+    """Return the weights (k,) of normal equations, and the inverse of their matrix. penalty: ridge
+    of each column, relative to its mean square."""
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
     normed = gram / np.outer(scale, scale) + np.diag(penalty)
     try:

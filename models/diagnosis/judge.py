@@ -1,4 +1,4 @@
-"""Whether a candidate's joint refit may count: its size, its share, its values, its constancy."""
+"""Decide whether a candidate's joint refit may count: by its size, share, values and constancy."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ class CandidateTrial:
     price: float
     constancy: Constancy | None = None
     refused: str = ""
-    impossible: bool = False  # not even a rival: its values belong to another physics
+    impossible: bool = False  # not even a rival: its values cannot be this physics
 
     @property
     def worth(self) -> float:
@@ -36,7 +36,7 @@ class CandidateTrial:
 
 @dataclass(frozen=True)
 class SearchState:
-    """Everything the search has learned; `rounds` keeps the trials for the report."""
+    """State of the search; `rounds` keeps the trials for the report."""
 
     problem: Problem
     sigma: float
@@ -45,19 +45,19 @@ class SearchState:
     rounds: tuple[tuple[CandidateTrial, ...], ...] = ()
     counted: int = 0  # rows that the gains of the rounds are summed over
     share: float = TUNING.minor
-    picked: tuple[str, ...] = ()  # keys in the order of their acceptance
-    passed_over: tuple[str, ...] = ()  # keys of less likely doubles
+    picked: tuple[str, ...] = ()  # keys in order of acceptance
+    passed_over: tuple[str, ...] = ()  # keys of less likely equivalents
 
 
 def excess(problem: Problem, fit: JointFit, sigma: float) -> float:
-    """Mean square misfit beyond the noise, >= 0 [displacement unit squared]."""
+    """Return the mean square misfit beyond the noise, >= 0 [displacement unit squared]."""
     n = int(problem.data.rows.sum())
     free = n - fit.design.shape[1]
     return max(0.0, fit.sse / max(free, 1) - sigma**2)
 
 
 def least_size(problem: Problem, candidate: Candidate) -> float:
-    """Smallest rms, in noise rms, that a candidate must remove."""
+    """Return the smallest rms, in noise rms, that a candidate must remove."""
     if candidate.driven and problem.one_loop_alone:
         return TUNING.strong
     if candidate.static or candidate.last:
@@ -66,8 +66,8 @@ def least_size(problem: Problem, candidate: Candidate) -> float:
 
 
 def least_power(state: SearchState, candidate: Candidate, size: float | None = None) -> float:
-    """Mean square that a candidate must remove: by the noise (size: in noise rms), and for causes
-    driven by the drive by the base's own error too."""
+    """Return the mean square that a candidate must remove, set by the noise (size: in noise rms)
+    and, for causes driven by the drive, also by the base's own error."""
     least = (least_size(state.problem, candidate) if size is None else size) * state.sigma
     if candidate.driven:
         part = 2 * TUNING.finest if candidate.static else TUNING.finest
@@ -76,8 +76,8 @@ def least_power(state: SearchState, candidate: Candidate, size: float | None = N
 
 
 def base_error(data: Data, part: float = TUNING.finest) -> float:
-    """Rms that no base is better than: a fine part of the stroke, and a part of what the drive does
-    between two samples, where it turns and nobody sees how far."""
+    """Return the smallest rms error of any base: a small fraction of the stroke, or a fraction of
+    what the drive does between two samples, since how far it turns there is not recorded."""
     stroke = float(np.ptp(data.y))
     path = data.path
     bend = np.diff(path.u, 2)[~(path.starts[1:-1] | path.starts[2:])]
@@ -86,17 +86,17 @@ def base_error(data: Data, part: float = TUNING.finest) -> float:
 
 
 def least_share(state: SearchState, left: float) -> float:
-    """Part of the misfit that a cause driven by the drive must take. In a quiet recording what is
-    left of a fine part of the stroke, far above the noise, is the base's own error for the most."""
+    """Return the share of the misfit that a cause driven by the drive must remove. A residual far
+    above a low noise but only a small fraction of the stroke is mostly the base's own error."""
     stroke = float(np.ptp(state.problem.data.y))
     quiet = TUNING.near * state.sigma < np.sqrt(left) < 4 * TUNING.finest * stroke
     return max(state.share, TUNING.half) if quiet else state.share
 
 
 def tells_what_is_late(problem: Problem, sigma: float) -> bool:
-    """Whether a delay, a lag or a slew limit can be distinguished from the loop. Not where the
-    drive is seen in so few places that even a compact base has a column for nearly each, unless the
-    displacement moves against the drive."""
+    """Return whether a delay, a lag or a slew limit can be distinguished from the loop. It cannot
+    where the drive is sampled at so few places that even a compact base has a column for nearly
+    each, unless the displacement moves against the drive."""
     if not problem.few_places:
         return True
     columns = compact_base(problem.data).width + len(problem.data.names)
@@ -105,14 +105,14 @@ def tells_what_is_late(problem: Problem, sigma: float) -> bool:
 
 
 def effect_of(fit: JointFit, key: str) -> Effect:
-    """The effect of a fit with this candidate's key."""
+    """Return the effect of a fit with this candidate's key."""
     return next(e for e in fit.effects if e.candidate.key == key)
 
 
 def tried(
     problem: Problem, sigma: float, current: JointFit, c: Candidate, start: Sequence[float]
 ) -> CandidateTrial:
-    """A candidate refitted jointly with what was accepted, and its price."""
+    """Return a candidate's trial, refitted jointly with the accepted effects, and its price."""
     fit = problem.refit([*current.effects, Effect(c, tuple(start))], start=current)
     count = sum(len(e.theta) for e in fit.effects) - sum(len(e.theta) for e in current.effects)
     columns = fit.design.shape[1] - current.design.shape[1]
@@ -121,7 +121,7 @@ def tried(
 
 
 def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTrial:
-    """The trial with its constancy and, where it fails, the reason."""
+    """Return the trial with its constancy and, where it fails, the reason."""
     problem, sigma = state.problem, state.sigma
     data = problem.data
     n = int(data.rows.sum())
@@ -151,8 +151,8 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
 
 
 def is_sure(state: SearchState, trial: CandidateTrial, left: float) -> bool:
-    """Whether a small static cause, or one that no base imitates, may count: it takes about half of
-    what there is, and is the same everywhere."""
+    """Return whether a small static cause, or one that no base imitates, may count: it removes
+    about half of the misfit, and is the same everywhere."""
     n, candidate = int(state.problem.data.rows.sum()), trial.candidate
     effect = effect_of(trial.fit, candidate.key)
     like_the_loop = candidate.static and candidate.driven and state.problem.one_loop_alone
@@ -169,9 +169,9 @@ def is_sure(state: SearchState, trial: CandidateTrial, left: float) -> bool:
 def worth_with_company(
     state: SearchState, trial: CandidateTrial, everything: Sequence[Candidate]
 ) -> float:
-    """Fall of the sum of squares by the trial's candidate and by what must be there too, were it
-    there, less a price for each of their parameters (G. Schwarz, Ann. Statist. 6, 1978): two
-    explanations of the same are compared whole."""
+    """Return the fall of the sum of squares by the trial's candidate together with the one that
+    must accompany it, less a price for each of their parameters (G. Schwarz, Ann. Statist. 6,
+    1978), so that two explanations of the same misfit are compared as a whole."""
     problem, fit = state.problem, trial.fit
     company = trial.candidate.company()
     if company and company not in fit.effect_names:

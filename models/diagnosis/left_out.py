@@ -1,9 +1,10 @@
 """How well a written model predicts what it was not fitted to.
 
 Each recording is left out in turn, with its own places, levels and rates; where there are so few
-that each may be the only one of its kind, each of their time blocks. The linear weights follow from
-the other rows, the model is written from them as it is written at the end, and simulated on the
-rows that were left out. Nonlinear parameters stay: a handful against thousands of rows.
+that each may be the only one of its kind, each of their time blocks is left out instead. The linear
+weights follow from the other rows, the model is written from them as it is at the end, and
+simulated on the rows that were left out. Nonlinear parameters stay: a handful against thousands of
+rows.
 """
 
 from collections.abc import Callable
@@ -42,29 +43,29 @@ class WritableFit:
         )
 
     def without(self, effect: Effect) -> "WritableFit":
-        """The same without one of its effects."""
+        """Return the same without one of its effects."""
         return replace(self, fit=self.problem.without(self.fit, effect))
 
     def write(self) -> Model:
-        """The model of all rows."""
+        """Return the model fitted to all rows."""
         return augmented(self.problem, self.fit)
 
     def write_without(self, here: Bools) -> Model:
-        """The model with the linear weights that the rows outside `here` (N,) give."""
+        """Return the model with the linear weights fitted to the rows outside `here` (N,)."""
         return augmented(self.problem, _fit_without(self.problem, self.fit, here))
 
 
 @dataclass(frozen=True)
 class Refitted(WritableFit):
-    """The effects around a hysteresis of the plain class, fitted to what the base found behind the
-    effects: what the model in use had learned in an effect's place gives way to it."""
+    """The effects around a hysteresis of the plain class, which is fitted to the base's output
+    given the effects: what the model in use had absorbed of an effect is removed from it."""
 
     def write(self) -> Model:
-        """The model of all rows."""
+        """Return the model fitted to all rows."""
         return self._around(self.fit, np.zeros(self.problem.data.n, dtype=bool))
 
     def write_without(self, here: Bools) -> Model:
-        """The model with the weights that the rows outside `here` (N,) give."""
+        """Return the model with the weights fitted to the rows outside `here` (N,)."""
         return self._around(_fit_without(self.problem, self.fit, here), here)
 
     def _around(self, fit: JointFit, here: Bools) -> Model:
@@ -79,9 +80,9 @@ class Refitted(WritableFit):
 
 
 class HeldOutErrors(NamedTuple):
-    """On rows that were left out. mean_square, known: all of them, with and without what belongs to
-    one recording alone, as the phase of a line, which no model can know of another recording;
-    worst: rms of the recording that is predicted worst."""
+    """Errors on rows that were left out. mean_square, known: of all of them, before and after
+    removing what belongs to one recording alone, such as the phase of a line, which no model can
+    know for another recording; worst: rms of the recording that is predicted worst."""
 
     mean_square: float
     known: float
@@ -90,14 +91,14 @@ class HeldOutErrors(NamedTuple):
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Rows that are left out together, and what belongs to that recording alone."""
+    """Groups of rows that are left out together, and what belongs to each recording alone."""
 
     data: Data
     groups: tuple[Bools, ...]  # (N,) each
     own: tuple[Floats, ...]  # columns on the counted rows of each group
 
     def left_by(self, write: Callable[[Bools], Model]) -> HeldOutErrors:
-        """What the models leave, each written without its group; levels aside."""
+        """Return the errors of the models, each written without its group, offsets removed."""
         sums, each = np.zeros(2), np.zeros((2, len(self.data.names)))
         for group, own in zip(self.groups, self.own, strict=True):
             left = self._error(write(group), group)
@@ -110,8 +111,8 @@ class LeftOut:
         return HeldOutErrors(float(sums[0]), float(sums[1]), float(worst))
 
     def _error(self, model: Model, group: Bools) -> Floats:
-        """Of the group's counted rows, about the level of the recording's other rows, or, where
-        there are none, about their own."""
+        """Return the error on the group's counted rows, less its mean over the recording's other
+        rows, or, where there are none, over the group's own."""
         whole = self.data
         one = alone(whole, int(whole.rec[np.argmax(group)]))
         here = group[whole.rec == whole.rec[np.argmax(group)]]
@@ -122,8 +123,8 @@ class LeftOut:
 
 
 def leave_out(problem: Problem, fit: JointFit, drive: Floats) -> LeftOut:
-    """The groups of a problem. fit: with all effects, for what belongs to one recording alone;
-    drive: (N,) as it was recorded, on which models are simulated."""
+    """Return the groups of a problem. fit: with all effects, used to find what belongs to one
+    recording alone; drive: (N,) as it was recorded, on which models are simulated."""
     data = problem.data
     count = len(data.names)
     of = data.rec if count >= TUNING.few else data.block
@@ -138,7 +139,8 @@ def leave_out(problem: Problem, fit: JointFit, drive: Floats) -> LeftOut:
 
 
 def _unwritten(problem: Problem, fit: JointFit) -> Bools:
-    """The columns (K,) of what acts beside the drive and no model of this recording contains."""
+    """Return a mask (K,) of the columns of effects that the drive does not cause and that no block
+    of the model contains."""
     unwritten = [np.zeros(len(problem.data.names) + problem.base.width, dtype=bool)]
     for effect, a in zip(fit.effects, fit.amplitudes, strict=True):
         one = effect.candidate
@@ -148,7 +150,7 @@ def _unwritten(problem: Problem, fit: JointFit) -> Bools:
 
 
 def _fit_without(problem: Problem, fit: JointFit, here: Bools) -> JointFit:
-    """A fit with the linear weights of the rows that are not here."""
+    """Return a fit with the linear weights fitted to the rows outside `here`."""
     data, k, width = problem.data, len(problem.data.names), problem.base.width
     others = ~problem.counted(here)
     x = fit.design[others]

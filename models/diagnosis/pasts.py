@@ -1,9 +1,9 @@
-"""How the memory of the drive's path began in each recording: as a hysteresis of any shape, fitted
-behind each past, tells; and whether that past explains the recording's head, so that it counts.
+"""Find how the memory of the drive's path began in each recording, by fitting a hysteresis of any
+shape with each past, and whether that past explains the recording's head, so that it counts.
 
-A recording that begins where another one ended does not climb the virgin curve. Taken for
-de-energised, its wide operators would move where the stage's do not, and what they miss would look
-like a step, or a loop of another shape, as large as most of what a diagnosis looks for.
+A recording that begins where another one ended does not follow the virgin curve. If it is taken as
+de-energised, the model's wide operators move where the stage's do not, and the error looks like a
+step, or a loop of another shape, as large as most of what a diagnosis looks for.
 """
 
 from collections.abc import Sequence
@@ -18,15 +18,15 @@ from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.signals.joined import Bools, Data
 from dehyst.models.signals.pasts import FROM_ABOVE, FROM_BELOW
 
-BETTER = 0.05  # of the mean square, that a past must take away to be believed
-AS_WELL = 1.15  # times the rms of the other rows, that a head may leave
-NO_WORSE = 0.15  # of the noise: what the other rows may leave more beside it
+BETTER = 0.05  # share of the mean square that a past must remove to be accepted
+AS_WELL = 1.15  # largest rms of a head, times that of the other rows
+NO_WORSE = 0.15  # of the noise: allowed increase of what the other rows leave
 
 
 def begin_as_found(data: Data) -> Data:
-    """The same, with the marks of `forgets` that fit best; one recording after the other, and
-    de-energised where nothing tells. A recording that counts from its first samples on is taken as
-    de-energised: a wrong past would only stand for what is to be found."""
+    """Return the same data with the marks of `forgets` that fit best, found one recording after the
+    other; de-energised where nothing distinguishes them. A recording that counts from its first
+    samples on is taken as de-energised: a wrong past would only absorb what is to be found."""
     light = Problem(data, rich_base(data)).light(TUNING.search_rows)
     best, least = light.data, light.solve([]).sse
     for first in np.flatnonzero(data.forgets).tolist():
@@ -43,8 +43,8 @@ def begin_as_found(data: Data) -> Data:
 
 
 def explained_heads(problem: Problem, fitted: JointFit, sigma: float) -> list[int]:
-    """Recordings whose heads a fit's effects and the base explain as well as all else, behind the
-    pasts that were found: what they did before is known then."""
+    """Return the recordings whose heads a fit's effects and the base explain as well as the rest,
+    with the pasts that were found: for these, what happened before is known."""
     data = problem.data
     out = [i for i in range(len(data.names)) if np.any(data.heads & (data.rec == i))]
     before = fitted.residual(data)
@@ -67,5 +67,5 @@ def explained_heads(problem: Problem, fitted: JointFit, sigma: float) -> list[in
 
 
 def rows_with_heads(data: Data, recordings: Sequence[int]) -> Bools:
-    """(N,) the rows that count, with the heads of some recordings."""
+    """Return the (N,) rows that count, including the heads of some recordings."""
     return data.rows | (data.heads & np.isin(data.rec, recordings))

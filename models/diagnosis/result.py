@@ -1,4 +1,4 @@
-"""What a diagnosis gives back: findings, verdict, models, and arrays for pictures. Frozen."""
+"""The result of a diagnosis: findings, verdict, models, and arrays for pictures. Frozen."""
 
 import math
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ class Value:
     unit: str
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, with so many digits that the interval keeps its width."""
+        """Return plain data, with enough digits that the interval keeps its width."""
         width, size = self.high - self.low, max(abs(self.low), abs(self.high))
         digits = DIGITS
         if 0.0 < width < size < math.inf:
@@ -37,8 +37,8 @@ class Value:
 
 @dataclass(frozen=True)
 class DataQuality:
-    """What the recordings are worth: rows on their grids, readings that are missing, stalls of the
-    recorder, and what must be said of them before anything else."""
+    """Quality of the recordings: rows on their grids, missing readings, stalls of the recorder, and
+    warnings that come before any finding."""
 
     rows: int
     missing: int
@@ -46,7 +46,7 @@ class DataQuality:
     says: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """The contract's `data`."""
+        """Return the `data` entry of diagnosis.json."""
         return {
             "rows": self.rows,
             "missing": self.missing,
@@ -59,7 +59,7 @@ class DataQuality:
 class Finding:
     """One piece of physics that was left out, or `unknown` structure.
 
-    place: what it acts on; share: part of the explainable misfit that it removes; where: places in
+    place: what it acts on; share: share of the explainable misfit that it removes; where: places in
     the recordings that hold much of it.
     """
 
@@ -77,11 +77,11 @@ class Finding:
     says: str
 
     def to_dict(self) -> dict[str, Any]:
-        """The contract's entry of `effects`."""
+        """Return one entry of `effects` in diagnosis.json."""
         return {
             "name": self.name,
             "acts_on": self.place or "stage",
-            "share": math.floor(self.share * 1e6) / 1e6,  # rounded up they could be more than all
+            "share": math.floor(self.share * 1e6) / 1e6,  # rounded up, the sum could exceed 1
             "evidence": {k: _plain(v) for k, v in self.evidence.items()},
             "parameters": {k: v.to_dict() for k, v in self.parameters.items()},
             "ambiguous_with": list(self.ambiguous_with),
@@ -93,7 +93,7 @@ class Finding:
 @dataclass(frozen=True)
 class Limit:
     """What would have been seen: an effect above (or below) this value. value None: the drive of
-    these recordings cannot show it at all; `why` says so."""
+    these recordings cannot show it at all; `why` gives the reason."""
 
     name: str
     value: float | None
@@ -102,7 +102,7 @@ class Limit:
     why: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """The contract's entry of `would_have_seen`."""
+        """Return one entry of `would_have_seen` in diagnosis.json."""
         out: dict[str, Any] = {"name": self.name, self.side: _plain(self.value), "unit": self.unit}
         if self.why:
             out["why"] = self.why
@@ -112,7 +112,7 @@ class Limit:
 @dataclass(frozen=True)
 class FitView:
     """One recording for pictures; arrays (M,). base: the model in use; augmented: the augmented
-    model; each as simulated, its mean error taken off; held_out: samples that count."""
+    model; each as simulated, less its mean error; held_out: samples that count."""
 
     name: str
     t_s: Floats
@@ -149,7 +149,7 @@ class Diagnosis:
 
     @property
     def before_after(self) -> tuple[float, float]:
-        """Rms error of the model in use and of the augmented one, over all samples that count."""
+        """Rms error of the model in use and of the augmented model, over all samples that count."""
         total = sum(int(v.held_out.sum()) for v in self.views)
         return tuple(  # type: ignore[return-value]
             math.sqrt(
@@ -160,7 +160,7 @@ class Diagnosis:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data by the contract of diagnosis.json."""
+        """Return plain data in the format of diagnosis.json."""
         return {
             "format": FORMAT,
             "verdict": self.verdict,
@@ -174,7 +174,8 @@ class Diagnosis:
 
 
 def _plain(value: Any, digits: int = DIGITS) -> Any:
-    """JSON-ready: numbers to so many digits, no NaN or infinity."""
+    """Return JSON-ready data: numbers rounded to `digits` significant digits, None for NaN and
+    infinity."""
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""A candidate's promise from each of its starts, cheaply: its first-order effect with the whole
+"""Estimate cheaply what each start of a candidate would gain: its first-order effect with the whole
 base refitted (projection off every fitted column), without nonlinear refits."""
 
 import copy
@@ -18,7 +18,7 @@ from dehyst.models.signals.joined import Floats
 
 class Screen:
     """What all candidates of one round share: the fit's columns on the counted rows, and the
-    directions in which the accepted effects' own parameters move the prediction."""
+    derivatives of the prediction with respect to the accepted effects' own parameters."""
 
     def __init__(self, problem: Problem, current: JointFit) -> None:
         self.problem, self.current = problem, current
@@ -48,22 +48,24 @@ class Screen:
         self.r = self.projected(residual[:, None])[:, 0]
 
     def leaving(self, residual: Floats) -> "Screen":
-        """The same where another reading of the same drive leaves a residual (N,) a little
-        different; what the starts of both would add is computed once."""
+        """Return the same screen for a slightly different residual (N,), from another reading of
+        the same drive; the contributions of the starts are computed once for both."""
         self._kept = {} if self._kept is None else self._kept
         out = copy.copy(self)
         out._leave(residual)
         return out
 
     def projected(self, x: Floats) -> Floats:
-        """x (N, k) on the counted rows, less what the fit's columns and parameters can make."""
+        """Return x (N, k) on the counted rows, projected off the fit's columns and parameter
+        derivatives."""
         x = x[self.rows]
         moment = (self._design.T @ x) / self._scale[:, None]
         x = x - self._design @ (cho_solve(self._factor, moment) / self._scale[:, None])
         return x - self._tangent @ (self._tangent.T @ x)
 
     def contribution(self, effect: Effect) -> Floats:
-        """(N, k) columns of an additive effect, or (N, 1) first-order change by another one."""
+        """Return (N, k) columns of an additive effect, or the (N, 1) first-order change by another
+        kind."""
         c, data = effect.candidate, self.problem.data
         if c.mode == "columns":
             return c.columns(data, Context(self.drive, self.output), effect.theta)
@@ -78,7 +80,7 @@ class Screen:
         return (there - self.current.prediction)[:, None]
 
     def starts(self, candidate: Candidate) -> list[tuple[float, Theta]]:
-        """(estimated fall of the sum of squares, start) for every start, best first.
+        """Return (estimated fall of the sum of squares, start) for every start, best first.
 
         Only the right sign counts: a delay that would have to be negative gains nothing.
         """
@@ -86,7 +88,7 @@ class Screen:
         return self.rank(candidate, starts)
 
     def rank(self, candidate: Candidate, starts: Sequence[Theta]) -> list[tuple[float, Theta]]:
-        """The same for given starts."""
+        """Return the same for given starts."""
         if not starts:
             return []
         scores = []
@@ -105,7 +107,7 @@ class Screen:
         return [score[1:] for score in sorted(scores, key=lambda s: -s[0])]
 
     def _projected_of(self, candidate: Candidate, starts: Sequence[Theta]) -> list[Floats]:
-        """Of each start, its projected contribution (counted rows, k)."""
+        """Return the projected contribution (counted rows, k) of each start."""
         kept = {} if self._kept is None else self._kept
         new = [theta for theta in starts if (candidate.key, theta) not in kept]
         if new:
@@ -118,6 +120,6 @@ class Screen:
 
 
 def contribution_of(look: Screen, c: Candidate, probe: Probe) -> Floats:
-    """(N,) what the candidate adds to the reading at a strength."""
+    """Return (N,) what the candidate adds to the reading at a given strength."""
     x = look.contribution(Effect(c, probe.theta))
     return x @ np.array(probe.amplitudes) if c.mode == "columns" else x[:, 0]

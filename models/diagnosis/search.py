@@ -1,7 +1,8 @@
-"""Which candidates are accepted: screen, joint refit, price, tiers, repeat, prune, back-track.
+"""Search for the effects: screen, refit jointly, apply price and thresholds, repeat, prune,
+back-track.
 
-Gains are sums of squares over the counted rows [displacement unit squared], always after
-everything else was refitted.
+Gains are sums of squares over the counted rows [displacement unit squared], always after everything
+else was refitted.
 """
 
 from collections.abc import Callable, Sequence
@@ -47,8 +48,9 @@ def search(
 ) -> SearchState:
     """Accept effects one by one until none pays, then prune. forbidden: keys that are not tried.
 
-    share: part of the excess that a cause driven by the drive must take; above the usual one the
-    base is a compact one, and candidates that resemble a hysteresis of another shape stay out.
+    share: share of the excess that a cause driven by the drive must remove; above the usual share
+    the base is a compact one, and candidates that resemble a hysteresis of another shape are
+    excluded.
     """
     counted = int(problem.data.rows.sum())
     bare = SearchState(problem, sigma, null, null, counted=counted, share=share)
@@ -56,9 +58,9 @@ def search(
     first = state.accepted.effects
     left = excess(problem, state.accepted, sigma)
     if len(first) >= 2 and state.rounds:
-        # one back-track: a wrong first pick is often repaired by a crowd of others
+        # one back-track: a wrong first pick is often compensated by several others
         chosen = next(t for t in state.rounds[0] if t.candidate.key in state.picked[:1])
-        last = chosen.candidate.last  # what leaves structure to another one was not the last
+        last = chosen.candidate.last  # it should leave no structure, yet more was accepted
         part = TUNING.half if last else TUNING.most
         rivals = [
             t
@@ -74,7 +76,7 @@ def search(
 
 
 def better(other: SearchState, state: SearchState, left: float) -> bool:
-    """Whether another search explains the same with fewer physics, or clearly more."""
+    """Return whether another search explains the same with fewer physics, or clearly more."""
     n = int(state.problem.data.rows.sum())
     other_left = excess(state.problem, other.accepted, state.sigma)
     margin = max(0.1 * left, (0.07 * state.sigma) ** 2)
@@ -105,8 +107,8 @@ def _forward(state: SearchState, say: Say, forbidden: Sequence[str]) -> SearchSt
 def search_one_more(
     state: SearchState, shortlist: int, more: Sequence[Candidate] = ()
 ) -> SearchState:
-    """One more round from a state's accepted effects; shortlist: candidates that get the full
-    refit; more: candidates beside the library's."""
+    """Search one more round from a state's accepted effects. shortlist: candidates that get the
+    full refit; more: candidates in addition to the library's."""
     everything = [*may_be_tried(state.problem.data, state.share, ()), *more]
     return _go_round(state, everything, shortlist, lambda text, share: None, 0)
 
@@ -128,7 +130,7 @@ def _go_round(
 def refit_each(
     state: SearchState, short: Sequence[ScreenedCandidate], say: Say, number: int
 ) -> list[CandidateTrial]:
-    """Trials of a short list, the most worth first. number: of the round."""
+    """Return the trials of a short list, the most valuable first. number: index of the round."""
     problem, sigma, current = state.problem, state.sigma, state.accepted
 
     def attempt(one: ScreenedCandidate) -> CandidateTrial:
@@ -152,8 +154,9 @@ def _likely_gain(trial: CandidateTrial) -> float:
 
 
 def _from_afar(problem: Problem, current: JointFit, c: Candidate) -> list[tuple[float, ...]]:
-    """Starts where the drive is sampled slowly: an effect as large as a sample of those is far from
-    what the fit without it tells to the first order. The two that fit best by themselves."""
+    """Return further starts for a slowly sampled drive: an effect of about one sample is too large
+    for a first-order estimate from the fit without it. The two starts that fit best are
+    returned."""
     if not c.late or problem.data.between is None:
         return []
     given = c.starts(problem.data, current.residual(problem.data))
@@ -168,8 +171,8 @@ def _from_afar(problem: Problem, current: JointFit, c: Candidate) -> list[tuple[
 def accept_best(
     state: SearchState, trials: Sequence[CandidateTrial], everything: Sequence[Candidate]
 ) -> SearchState:
-    """The state with a round's trials, the best of them accepted. everything: candidates of which
-    one may be a finer form of it."""
+    """Return the state with a round's trials, the best of them accepted. everything: candidates,
+    one of which may be a finer form of it."""
     problem, sigma = state.problem, state.sigma
     left = excess(problem, state.accepted, sigma)
     judged = tuple(judge(state, t, left) for t in trials)
@@ -192,8 +195,8 @@ def accept_best(
 def _choices(
     state: SearchState, good: Sequence[CandidateTrial], everything: Sequence[Candidate]
 ) -> list[CandidateTrial]:
-    """The best trial that is not refused, or a simpler or a likelier one that does as well; behind
-    it those that could as well have been chosen."""
+    """Return the best accepted trial, or a simpler or a likelier one that does as well, followed by
+    those that could equally have been chosen."""
     best = good[0]
     n = int(state.problem.data.rows.sum())
     tie = max(n * (TUNING.trace * state.sigma) ** 2, 0.01 * best.gain)
@@ -206,13 +209,13 @@ def _choices(
     )
     rivals = [chosen, *(t for t in alike if t.candidate.past or chosen.candidate.past)]
     taken = chosen
-    if any(t.candidate.company() for t in rivals):  # what must be there too belongs to it
+    if any(t.candidate.company() for t in rivals):  # include what must be present with it
         taken = max(rivals, key=lambda t: worth_with_company(state, t, everything))
     return [taken, *(t for t in (chosen, *doubles) if t is not taken)]
 
 
 def _grown(problem: Problem, sigma: float, fit: JointFit, chosen: Candidate) -> JointFit:
-    """The fit with more parts (modes) of the chosen physics, as long as they pay."""
+    """Return the fit with more parts (modes) of the chosen physics, as long as they pay."""
     n = int(problem.data.rows.sum())
     effect = effect_of(fit, chosen.key)
     while theta := chosen.grown(effect.theta, problem.data, fit.residual(problem.data)):
@@ -236,7 +239,8 @@ def refine_fit(
     chosen: Candidate,
     everything: Sequence[Candidate],
 ) -> JointFit:
-    """The fit with more parts of the chosen physics, or a finer form of it, where that pays."""
+    """Return the fit with more parts of the chosen physics, or a finer form of it, where that
+    pays."""
     n = int(problem.data.rows.sum())
     fit = _grown(problem, sigma, fit, chosen)
     for finer in everything:
@@ -252,7 +256,7 @@ def refine_fit(
 
 
 def prune(problem: Problem, sigma: float, fit: JointFit, keep: str = "") -> JointFit:
-    """Without the effects that the others have made needless."""
+    """Return the fit without the effects that the others have made unnecessary."""
     n = int(problem.data.rows.sum())
     while len(fit.effects) > 1:
         others = [e for e in fit.effects if e.candidate.key != keep]

@@ -1,5 +1,5 @@
-"""What the samples tell: Based -> Searched. The search stands on a rich base, or on a compact one
-where little was recorded, at the noise of what it leaves."""
+"""Find the effects: Based -> Searched. The search uses a rich base, or a compact one where little
+was recorded, and estimates the noise from its own residual."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ from dehyst.models.signals.joined import Data
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The search's result, and the same over the rich base."""
+    """The search's result, and the result with the rich base."""
 
     search: SearchState
     over_rich: SearchState
@@ -32,9 +32,10 @@ class SearchResult:
 
 @dataclass(frozen=True)
 class Searched:
-    """What was found. whole, bare: as in Based, with the heads of recordings that are explained;
-    found: beside the episode; seen: what recordings show directly, beside any fit; shown: keys of
-    the accepted effects among that; warnings: what is said of the data first."""
+    """What was found. whole, bare: as in Based, with those heads of recordings that are explained;
+    found: effects other than the episode; seen: what recordings show directly, without a fit;
+    shown: keys of the accepted effects that were also seen; warnings: warnings about the data,
+    which are reported first."""
 
     whole: Data
     bare: Problem
@@ -46,7 +47,7 @@ class Searched:
 
 
 def look_for_causes(based: Based, say: Progress) -> Searched:
-    """The effects that the samples tell: by the search, and as recordings show them directly."""
+    """Find the effects: by the search, and as recordings show them directly."""
     result, heads = _search_with_heads(based, say)
     whole, alone = (
         replace(one, rows=rows_with_heads(one, heads)) for one in (based.whole, based.bare.data)
@@ -57,7 +58,7 @@ def look_for_causes(based: Based, say: Progress) -> Searched:
     explained = by_blocks(found.problem, found.accepted)
     butterfly = comes_back(data) and explained > TUNING.minor * unexplained
     if butterfly or not follows(data, min(unexplained, explained)):
-        # out of the class: what the drive causes cannot be distinguished from the loop
+        # outside the model class: what the drive causes cannot be distinguished from the loop
         found = without_kind(found, lambda c: c.driven)
     seen = [(c, c.seen(data, found.sigma)) for c in list_candidates(data)]
     sightings = tuple((c, one) for c, one in seen if one is not None)
@@ -73,9 +74,10 @@ def look_for_causes(based: Based, say: Progress) -> Searched:
 
 
 def _search_with_heads(based: Based, say: Progress) -> tuple[SearchResult, list[int]]:
-    """The search's result, and the recordings whose heads count for it. With what was found first,
-    the past is known, and the heads show what began before. The other rows say what that is: in the
-    heads the hysteresis' past shows as well."""
+    """Return the search's result, and the recordings whose heads count in it. Once the first
+    effects are known, so is the past, and the heads show what began before the recording. The
+    effects are found from the other rows, because in the heads the past of the hysteresis shows as
+    well."""
     plain = find_above_noise(based.footing, say)
     stands = based.footing.on(on_the_other(based.footing.problem, plain.search))
     if stands is not based.footing:
@@ -87,15 +89,15 @@ def _search_with_heads(based: Based, say: Progress) -> tuple[SearchResult, list[
     longer = replace(data, rows=rows_with_heads(data, heads))
     stands = stands.on(replace(stands.problem, data=longer))
     found = find_above_noise(stands, say, first.passed_over)
-    # what was passed over is explained no more: a near-tie, and it stays one
+    # candidates that were passed over in a near-tie stay rivals
     rounds = (*found.search.rounds, *(first.rounds if first.passed_over else ()))
     return replace(found, search=replace(found.search, rounds=rounds)), heads
 
 
 def on_the_other(problem: Problem, found: SearchState) -> Problem:
-    """The problem without the model in use where it was under the base, or with it where it was
-    not, if that predicts much better with what was found: an effect that is large beside what the
-    base does decides what `on_the_model` looks at."""
+    """Return the problem with the model in use removed from under the base, or added where it was
+    not, if that predicts much better with the effects found: a large effect dominates the errors
+    that `on_the_model` compares."""
     subject = problem.subject
     if not found.accepted.effects or (subject.carries and subject.model.blocks):
         return problem
@@ -106,8 +108,9 @@ def on_the_other(problem: Problem, found: SearchState) -> Problem:
 
 
 def find_above_noise(stands: Footing, say: Progress, forbidden: Sequence[str] = ()) -> SearchResult:
-    """The effects at the noise of what they leave: where the drive fills the band, what an effect
-    leaves in it stands for noise until the effect is known. forbidden: keys that are not tried."""
+    """Find the effects, with the noise estimated from what they leave: where the drive fills the
+    band, an effect's contribution counts as noise until the effect is known. forbidden: keys that
+    are not tried."""
     stands = stands.at_own_noise()
     found = _find_known(stands, say, forbidden)
     data = stands.problem.data
@@ -122,8 +125,8 @@ def find_above_noise(stands: Footing, say: Progress, forbidden: Sequence[str] = 
 
 
 def _find_known(stands: Footing, say: Progress, forbidden: Sequence[str]) -> SearchResult:
-    """The effects whose size is known. Where another one is taken, they are looked for again
-    without it: what it stood for may be another's."""
+    """Find the effects whose size is known. Where the search accepts one whose size is not, search
+    again without it: another effect may account for the same misfit."""
     found = _find(stands, say, forbidden)
     kept = worth_reporting(found.search)
     reported = only_reported(kept)
@@ -140,8 +143,8 @@ def _find_known(stands: Footing, say: Progress, forbidden: Sequence[str]) -> Sea
 
 
 def _find(stands: Footing, say: Progress, forbidden: Sequence[str]) -> SearchResult:
-    """The effects over the rich base, or over a compact one where the rich one is too rich for what
-    was recorded."""
+    """Find the effects with the rich base, or with a compact one where the rich one has too many
+    columns for what was recorded."""
     problem, null = stands.problem, stands.null
     if problem.few_places:
         return _find_in_few_places(stands, say, forbidden)
@@ -156,16 +159,16 @@ def _find(stands: Footing, say: Progress, forbidden: Sequence[str]) -> SearchRes
 
 
 def _find_in_few_places(stands: Footing, say: Progress, forbidden: Sequence[str]) -> SearchResult:
-    """The same where the drive repeats itself within so few samples that a rich base can give each
-    its own value, and takes all that the drive causes within a period. What comes late is reported
-    over a compact base alone, and only where it takes by far the most of what this leaves: a loop
-    of another class leaves less."""
+    """Find the effects where the drive repeats itself within so few samples that a rich base can
+    fit each sample, and absorbs all that the drive causes within a period. Late effects (delay,
+    lag) are reported from a fit with a compact base alone, and only where they remove by far the
+    most of what this base leaves: a loop of another class removes less."""
     problem, subject = stands.problem, stands.problem.subject
     within = [c for c in list_candidates(problem.data) if c.driven and not c.lasting]
     unseen = [c.key for c in within if not c.late]
     over_rich = _search(stands, say, (*forbidden, *(c.key for c in within)))
-    own = replace(subject, carries=subject.given and subject.carries)  # one that an effect may have
-    # distorted is no help where nothing mends it
+    own = replace(subject, carries=subject.given and subject.carries)  # a model that an effect may
+    # have distorted does not help if nothing corrects it
     plain = stands.on(replace(problem, base=compact_base(problem.data), subject=own))
     other = _search(plain, say, (*forbidden, *unseen), TUNING.most)
     caused = any(e.candidate.late for e in other.accepted.effects)
@@ -176,7 +179,7 @@ def _find_in_few_places(stands: Footing, say: Progress, forbidden: Sequence[str]
 def _search(
     stands: Footing, say: Progress, forbidden: Sequence[str], share: float = TUNING.minor
 ) -> SearchState:
-    """The search on a part of the rows, its result fitted to all of them."""
+    """Search on a subset of the rows and fit the result to all of them."""
     problem, null, sigma = stands.problem, stands.null, stands.sigma
     light = stands.on(problem.light(TUNING.search_rows))
     found = search(light.problem, sigma, light.null, say, share, forbidden)
@@ -187,8 +190,8 @@ def _search(
 
 
 def _accept(found: SearchState, seen: Effect) -> SearchState:
-    """The search's result with what was seen in its model, where that predicts held-out samples no
-    worse; else as it was."""
+    """Return the search's result with a directly seen effect in its model, where that predicts
+    held-out samples no worse; else unchanged."""
     problem, final = found.problem, found.accepted
     if seen.candidate.key in final.effect_names:
         return found

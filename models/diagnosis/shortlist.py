@@ -1,5 +1,5 @@
-"""Which candidates come next, and in which order: what may be tried on these recordings, what may
-come beside a fit's effects, and what the screen promises of it."""
+"""Select the candidates to try next and their order: which may be tried on these recordings, which
+may be added to a fit's effects, and what the screen estimates they gain."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from dehyst.models.signals.joined import Data
 
 
 def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]:
-    """Candidates that may be tried."""
+    """Return the candidates that may be tried."""
     strict = share > TUNING.minor
     few = hardly_turns(data)
     return [
@@ -31,8 +31,8 @@ def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Can
 def still_open(
     problem: Problem, current: JointFit, everything: Sequence[Candidate]
 ) -> list[Candidate]:
-    """Candidates that may come next, beside a fit's effects."""
-    # an effect in its finer form stands for the simpler one too
+    """Return the candidates that may be added next to a fit's effects."""
+    # an effect in its finer form covers the simpler one too
     have = {k for e in current.effects for k in (e.candidate.key, e.candidate.refines)}
     late = problem.few_places and any(e.candidate.late for e in current.effects)
     return [
@@ -46,7 +46,8 @@ def still_open(
 
 
 def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:
-    """Those that are numbered (modes) come in order: the second only behind the first."""
+    """Return whether a candidate is next in its series: numbered ones (modes) come in order, the
+    second only after the first."""
     stem, _, number = candidate.key.rpartition("-")
     if candidate.channel or not number.isdecimal():
         return True
@@ -55,7 +56,7 @@ def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:
 
 @dataclass(frozen=True)
 class ScreenedCandidate:
-    """A candidate's best start, the fall of the sum of squares that the screen makes of it, and the
+    """A candidate's best start, its gain (fall of the sum of squares) estimated by the screen, and
     further starts that are refitted too."""
 
     candidate: Candidate
@@ -67,8 +68,8 @@ class ScreenedCandidate:
 def in_order_of_promise(
     state: SearchState, screened: Iterable[tuple[Candidate, Sequence[tuple[float, Theta]]]]
 ) -> list[ScreenedCandidate]:
-    """The candidates that could be worth a refit, the strongest first. screened: each with its
-    starts, the best first."""
+    """Return the candidates that could be worth a refit, largest estimated gain first. screened:
+    each candidate with its starts, best first."""
     n = int(state.problem.data.rows.sum())
     promises = [
         ScreenedCandidate(c, starts[0][1], starts[0][0], _further(c, starts))
@@ -79,20 +80,21 @@ def in_order_of_promise(
 
 
 def _further(c: Candidate, starts: Sequence[tuple[float, Theta]]) -> tuple[Theta, ...]:
-    """Where the misfit has several minima: starts that promise about as much as the best."""
+    """Return, where the misfit has several minima, the starts whose estimated gain is close to the
+    best."""
     return tuple(theta for gain, theta in starts[1 : c.minima] if gain > TUNING.half * starts[0][0])
 
 
 def not_weak(
     some: Sequence[ScreenedCandidate], ranked: Sequence[ScreenedCandidate]
 ) -> list[ScreenedCandidate]:
-    """Those that promise more than a small part of what the first of all does."""
+    """Return those whose estimated gain is more than a small fraction of the largest."""
     return [p for p in some if p.gain > TUNING.minor * ranked[0].gain]
 
 
 def to_be_refitted(ranked: Sequence[ScreenedCandidate], most: int) -> list[ScreenedCandidate]:
-    """At most `most` of the strongest that the drive causes, the causes beside the drive that are
-    among them or behind them, and those that take nobody's place."""
+    """Return at most `most` of the strongest, and in addition those not caused by the drive and
+    those that contain another physics, which take no other candidate's place."""
     strong = not_weak(ranked, ranked)
     beside = [p for p in strong if set(p.candidate.contains) - {p.candidate.name}]
     first = [p for p in strong if p not in beside][:most]

@@ -36,10 +36,10 @@ def diagnose(
 
     recordings: of one stage, with displacement. model: the model in use; None: the plain modified
     Prandtl-Ishlinskii model is identified here. progress(text, fraction) is called now and then.
-    several: how candidates are tried: `map`, or the map of a pool of threads, of which each needs a
-    design of all samples. with_limits: whether to tell what would have been seen, which takes about
-    half of the time. Raises BadRecording where the recordings cannot be diagnosed, BadInput where
-    the model cannot be run on them.
+    several: how candidates are tried: `map`, or the map of a thread pool, each thread of which
+    needs memory for a design matrix of all samples. with_limits: whether to compute what would have
+    been seen, which takes about half of the time. Raises BadRecording where the recordings cannot
+    be diagnosed, BadInput where the model cannot be run on them.
     """
     say = progress or (lambda text, fraction: None)
     based = choose_base(join_recordings(recordings, model, say), several, say)
@@ -50,7 +50,7 @@ def diagnose(
 def _report(
     judged: Judged, recordings: Sequence[Recording], with_limits: bool, say: Progress
 ) -> Diagnosis:
-    """What is said of a verdict: sentences, limits, errors before and after, pictures."""
+    """Write the report of a verdict: findings, limits, errors before and after, pictures."""
     searched, found, handed, verdict = judged.searched, judged.found, judged.handed, judged.verdict
     subject, whole, fitted = searched.bare.subject, searched.whole, judged.fitted
     say("limits", 0.96)
@@ -95,7 +95,7 @@ def _report(
 def _retell(
     findings: Sequence[Finding], candidate: Candidate, sighting: Sighting
 ) -> tuple[Finding, ...]:
-    """Findings, of which the one that was seen has the evidence of its own kind."""
+    """Return the findings; the one that was seen directly gets the evidence of its sighting."""
     values = {key: Value(*interval) for key, interval in sighting.intervals.items()}
 
     def same(f: Finding) -> bool:
@@ -112,7 +112,7 @@ def _retell(
 
 
 def _tried(n: int, found: SearchState) -> list[dict[str, str]]:
-    """For each round: root mean square that each candidate's refit removes."""
+    """Return, for each round, the rms that each candidate's refit removes."""
     return [{t.candidate.key: _describe_trial(t, n) for t in trials} for trials in found.rounds]
 
 
@@ -125,8 +125,8 @@ def _describe_trial(t: CandidateTrial, n: int) -> str:
 
 
 def _views(data: Data, recordings: Sequence[Recording], models: Sequence[Model]) -> list[FitView]:
-    """Each recording with what the model in use and the written one, simulated on it as it is, say
-    of it; data: all samples."""
+    """Return each recording with the predictions of the model in use and of the written model,
+    simulated on the recording as it is. data: all samples."""
     out = []
     for i, one in enumerate(recordings):
         k = (data.rec == i) & (data.raw_index >= 0)
@@ -138,7 +138,7 @@ def _views(data: Data, recordings: Sequence[Recording], models: Sequence[Model])
 
 
 def _level(error: Floats, counted: Bools) -> float:
-    """Mean over the rows that count; 0 where there is none."""
+    """Return the mean over the rows that count; 0 where there is none."""
     return float(np.nanmean(error[counted])) if counted.any() else 0.0
 
 

@@ -1,13 +1,13 @@
-"""The model in use, whose misfit is what a diagnosis explains.
+"""The model in use, whose misfit a diagnosis explains.
 
-A model that the user gives carries the fits: its blocks stand around all that they add. What
-reaches its hysteresis has passed its drive blocks, and what is added to the hysteresis'
-displacement passes its further blocks, as far as they are linear. A block that is not (a ripple of
-the reading, friction) acts on the model alone.
+A model that the user gives carries the fits: its blocks enclose all that they add. The drive passes
+its drive blocks before it reaches the hysteresis, and what is added to the hysteresis' displacement
+passes its further blocks, as far as they are linear. A nonlinear block (a ripple of the reading,
+friction) acts on the model alone.
 
-Without a model it is the plain modified Prandtl-Ishlinskii model (Eq. 6 of Qin et al., k = 0, no
-blocks), identified from these recordings. It carries no fit: what it makes of an effect that
-it does not know, a wider loop for a delay, would have to be undone first.
+Without a given model, the model in use is the plain modified Prandtl-Ishlinskii model (Eq. 6 of Qin
+et al., k = 0, no blocks), identified from these recordings. It carries no fit: its response to an
+effect that it does not know, such as a wider loop for a delay, would have to be undone first.
 """
 
 from collections.abc import Sequence
@@ -29,19 +29,19 @@ from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.pasts import FRESH
 
-# of the drive's range, where identification has none to offer
+# of the drive's range, used where identification gives none
 THRESHOLDS = np.array([0, 0.01, 0.025, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.37, 0.45])
-POWERS = ((2, 3, 4, 5), (2, 3), ())  # the first with which the model does not turn over
-LEAST_SLOPE = 0.1  # of the polynomial, over the recorded range
+POWERS = ((2, 3, 4, 5), (2, 3), ())  # tried in order, until the model is monotone
+LEAST_SLOPE = 0.1  # of the polynomial over the recorded range: below, it counts as not monotone
 ROUNDS = 12  # Gauss-Newton steps of the plain fit
 PROBE_SAMPLES = 400
-BY_HEART = 5.0  # times the error of its fit, left of rows held out: predicts no other rows
+BY_HEART = 5.0  # held-out rms over fit rms: above, the model predicts no other rows
 
 
 @dataclass(frozen=True)
 class Subject:
-    """model: in use; given: by the user, not identified here; carries: fits stand on it; refused:
-    why identification would not take the recordings."""
+    """model: the model in use; given: by the user, not identified here; carries: the fits add to
+    it; refused: why identification rejected the recordings."""
 
     model: Model
     given: bool = False
@@ -50,35 +50,36 @@ class Subject:
 
     @cached_property
     def drive_blocks(self) -> tuple[Block, ...]:
-        """What stands before the hysteresis."""
+        """Blocks before the hysteresis."""
         return tuple(b for b in self.model.blocks if b.place == "drive")
 
     @cached_property
     def further_blocks(self) -> tuple[Block, ...]:
-        """What stands beside and behind the hysteresis."""
+        """Blocks parallel to the hysteresis and after it."""
         return tuple(b for b in self.model.blocks if b.place != "drive")
 
     @cached_property
     def linear_blocks(self) -> tuple[Block, ...]:
-        """Those behind the hysteresis that are linear, or linear but for what they add."""
+        """Blocks after the hysteresis that are linear except for a constant term."""
         model = self.model
         behind = [b for b in self.further_blocks if not KINDS[b.kind].beside]
         return tuple(b for b in behind if _is_affine(b, model))
 
     def drive(self, data: Data, v: Floats) -> Floats:
-        """(N,) drive that reaches the hysteresis."""
+        """Return the (N,) drive that reaches the hysteresis."""
         if not self.drive_blocks or not self.carries:
             return v
         return self._run(data, v, replace(self.model, blocks=self.drive_blocks), "drive")
 
     def reading(self, data: Data, v: Floats) -> Floats:
-        """(N,) reading for a drive behind the drive blocks."""
+        """Return the (N,) reading for a drive that has passed the drive blocks."""
         if not self.carries:
             return np.zeros(data.n)
         return self._run(data, v, replace(self.model, blocks=self.further_blocks), "reading")
 
     def passed(self, data: Data, x: Floats) -> Floats:
-        """Columns (N, k) of what is added to the displacement, behind the linear blocks."""
+        """Return columns (N, k) that are added to the displacement, filtered by the linear
+        blocks."""
         if not self.carries or not self.linear_blocks:
             return x
         x = np.array(x)
@@ -94,8 +95,8 @@ class Subject:
         return x
 
     def whole(self, data: Data) -> Floats:
-        """(N,) what the model says of these recordings, each behind the history that fits it best:
-        what `dehyst simulate` writes."""
+        """Return the (N,) prediction of the model, each recording with the history that fits it
+        best, as `dehyst simulate` writes it."""
         out = np.empty(data.n)
         y = np.where(data.raw_index >= 0, data.y, np.nan)
         for k in _recordings(data):
@@ -104,7 +105,7 @@ class Subject:
         return out
 
     def _run(self, data: Data, v: Floats, model: Model, which: str) -> Floats:
-        """(N,) one stage of a model, each recording behind the past that its mark says."""
+        """Return (N,) one stage of a model, each recording with the past that its mark gives."""
         out = np.empty(data.n)
         for k in _recordings(data):
             channels = {name: data.channels[name][k] for name in channels_of(model)}
@@ -120,7 +121,8 @@ NO_MODEL = Subject(
 
 
 def take_subject(model: Model, data: Data) -> Subject:
-    """The user's model. Raises BadInput where it cannot be run on these recordings."""
+    """Return the user's model as the model in use. Raises BadInput where it cannot be run on these
+    recordings."""
     for what, ours, theirs in (
         ("drive", data.drive_unit, model.drive_unit),
         ("displacement", data.unit, model.displacement_unit),
@@ -140,13 +142,13 @@ def take_subject(model: Model, data: Data) -> Subject:
 
 
 def identify_plain(recordings: Sequence[Recording], data: Data) -> Subject:
-    """The plain model of these recordings. Where identification finds linear dynamics beside the
-    hysteresis, refuses, or predicts no rows but those that it was fitted to, the hysteresis is
-    fitted here without."""
+    """Identify the plain model of these recordings. Where identification finds linear dynamics in
+    addition to the hysteresis, refuses, or predicts only the rows that it was fitted to, fit the
+    hysteresis here without dynamics."""
     refused, r = "", THRESHOLDS * data.span
     try:
         model = identify_alone(recordings, Options(rate=False)).model
-    except (DehystError, ValueError) as error:  # also what it meets with no row to fit
+    except (DehystError, ValueError) as error:  # also raised when there is no row to fit
         refused = str(error)
     else:
         predicts = model.fit.holdout_rms <= BY_HEART * model.fit.rms
@@ -158,20 +160,19 @@ def identify_plain(recordings: Sequence[Recording], data: Data) -> Subject:
 
 
 def fit_plain(data: Data, r: Floats) -> Model:
-    """Plays with thresholds r (n,) and a polynomial behind them, by Gauss-Newton; what can be
-    inverted: partial sums of the weights >= 0 (Kuhnen 2003), and a polynomial that does not turn
-    over."""
+    """Fit plays with thresholds r (n,) followed by a polynomial, by Gauss-Newton. The result can be
+    inverted: partial sums of the weights are >= 0 (Kuhnen 2003), and the polynomial is monotone."""
     used = np.flatnonzero(data.rows)
     used = used[:: max(1, used.size // TUNING.search_rows)]
     h = plays(r, data.u - data.u_min, data.forgets)[used]
-    # columns of which the weights are the partial sums
+    # columns whose weights are the partial sums
     h[:, :-1] -= h[:, 1:].copy()
     y, rec = data.y[used], data.rec[used]
     groups = (rec[:, None] == np.arange(len(data.names))[None, :]).astype(float)
     du = data.u[used] - data.u[used].mean()
     sign = 1.0 if float(du @ (y - y.mean())) >= 0 else -1.0
     slope = max(abs(float(du @ (y - y.mean()))) / float(du @ du), 1e-12)
-    size = slope * data.span  # the polynomial is of z / size: its terms are of one size
+    size = slope * data.span  # the polynomial is in z / size, so its terms are of similar size
     for powers in POWERS:
         fit = _bent_fit(h, sign * y, groups, powers, size)
         if fit.least_slope > LEAST_SLOPE:
@@ -189,7 +190,7 @@ def fit_plain(data: Data, r: Floats) -> Model:
 
 @dataclass(frozen=True)
 class _BentFit:
-    """Partial sums (n,), coefficients of the powers, mean offset, sum of squares, least slope of
+    """Partial sums (n,), coefficients of the powers, mean offset, sum of squares, smallest slope of
     the polynomial."""
 
     sums: Floats
@@ -202,8 +203,8 @@ class _BentFit:
 def _bent_fit(
     h: Floats, y: Floats, groups: Floats, powers: tuple[int, ...], size: float
 ) -> _BentFit:
-    """P(h @ sums) + an offset for each group, P(z) = z + sum_p c_p (z / size)^p; Gauss-Newton from
-    the straight fit, each step halved until it helps."""
+    """Fit P(h @ sums) + an offset for each group, P(z) = z + sum_p c_p (z / size)^p, by
+    Gauss-Newton from the straight fit; each step is halved until it helps."""
     count = np.maximum(groups.sum(axis=0), 1.0)
 
     def judge(sums: Floats, c: Floats) -> _BentFit:
@@ -225,7 +226,7 @@ def _bent_fit(
         )
         bent = np.stack([z**p for p in powers], axis=1)
         straight = h * np.reshape(slope, (-1, 1))
-        # P(z) about here, linear in the weights: constant + straight @ sums + bent @ c
+        # P(z) linearised here: constant + straight @ sums + bent @ c
         constant = h @ best.sums - straight @ best.sums
         x = np.hstack([straight, bent, -bent, groups, -groups])
         sums, c = _solve_bounded(x, y - constant, n, m)
@@ -242,8 +243,8 @@ def _bent_fit(
 
 
 def _solve_bounded(x: Floats, y: Floats, n: int, m: int) -> tuple[Floats, Floats]:
-    """Weights (n,) >= 0 and free coefficients (m,); x: the weights' columns, the coefficients' with
-    both signs, then others."""
+    """Return weights (n,) >= 0 and free coefficients (m,). x: the weights' columns, the
+    coefficients' columns with both signs, then others."""
     gram = x.T @ x
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
     normed = gram / np.outer(scale, scale) + 1e-9 * np.eye(scale.size)
@@ -259,7 +260,7 @@ def _recordings(data: Data) -> list[slice]:
 
 
 def _is_affine(block: Block, model: Model) -> bool:
-    """Whether twice the input gives twice the change of the output."""
+    """Return whether twice the input gives twice the change of the output."""
     kind = KINDS[block.kind]
     values = kind.values(block, model.drive_unit, model.displacement_unit)
     dt = model.validity.period_s or 1e-3

@@ -1,4 +1,4 @@
-"""From what was found to the verdict and the model that is written: Searched -> Judged."""
+"""Decide on the verdict and the model that is written: Searched -> Judged."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -26,9 +26,9 @@ from dehyst.models.signals.joined import Data, Floats
 
 @dataclass(frozen=True)
 class Judged:
-    """The verdict, and what it rests on. found: the accepted effects; fitted: the samples that tell
-    of them; noise: rms, of all that is taken as noise; unexplained: mean square that a memory of
-    the drive of any shape leaves of held-out samples; handed: the model that is written."""
+    """The verdict and its basis. found: the accepted effects; fitted: the samples they were found
+    from; noise: rms, of all that is taken as noise; unexplained: mean square of held-out samples
+    that a memory of the drive of any shape leaves; handed: the model that is written."""
 
     searched: Searched
     found: SearchState
@@ -42,8 +42,8 @@ class Judged:
 
 @dataclass(frozen=True)
 class _Weighed:
-    """One weighing of what was found. residual: (N,) what the findings leave; left: its rms beyond
-    the noise; noise: rms."""
+    """One evaluation of the effects found. residual: (N,) what the findings leave; left: its rms
+    beyond the noise; noise: rms."""
 
     found: SearchState
     conclusion: Conclusion
@@ -55,7 +55,8 @@ class _Weighed:
 
 
 def reach_verdict(searched: Searched, say: Progress) -> Judged:
-    """What of the found effects is named, with which verdict, and which model contains it."""
+    """Decide which of the effects found are named, the verdict, and the model that contains
+    them."""
     one = _weigh(searched, searched.found, say)
     while one.verdict == "partly" and (fewer := _without_the_doubtful(one)) is not one.found:
         one = _weigh(searched, fewer, say)
@@ -67,7 +68,7 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
     first = one.conclusion.bare
     in_use = HeldOutErrors(first, first, float(np.sqrt(first)))
     handed = Handed(bare.subject.model, in_use, in_use)
-    if BUTTERFLY not in searched.warnings:  # else nothing that follows it can be inverted
+    if BUTTERFLY not in searched.warnings:  # no model of a butterfly can be inverted
         handed = hand_out(searched.whole, bare, one.conclusion, found.sigma)
     findings = [
         f if f.name == "shape" or f.key in handed.contains else not_written(f)
@@ -82,7 +83,8 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
 
 
 def _weigh(searched: Searched, found: SearchState, say: Progress) -> _Weighed:
-    """The findings of the found effects with their shares, what they leave, and the verdict."""
+    """Return the findings of the effects found with their shares, what they leave, and the
+    verdict."""
     sigma = found.sigma
     say("holding out", 0.88)
     weighed = conclude(searched.bare, found, searched.shown, searched.episode)
@@ -98,7 +100,7 @@ def _weigh(searched: Searched, found: SearchState, say: Progress) -> _Weighed:
     left, noise = float(np.sqrt(left)), sigma
     grown = any({"from_s", "until_s"} & f.where.keys() for f in findings)
     if left > TUNING.strong * sigma and not grown and is_coloured(data, residual, sigma):
-        # all that is left is noise
+        # the whole residual is noise
         left, noise = 0.0, float(np.sqrt(np.mean(residual[data.rows] ** 2)))
     at_first = float(np.sqrt(max(weighed.bare - noise**2, 0.0)))
     beside = float(np.sqrt(excess(found.problem, found.null, sigma)))
@@ -108,8 +110,8 @@ def _weigh(searched: Searched, found: SearchState, say: Progress) -> _Weighed:
 
 
 def _without_the_doubtful(one: _Weighed) -> SearchState:
-    """Without what may well be a part of what is left: slow changes, and what began before the
-    recording where that takes little."""
+    """Return the search's result without effects that may well be part of the residual: slow
+    changes, and also those that began before the recording where they remove little."""
     found = one.found
     fewer = without_kind(found, lambda c: c.slow)
     before, after = (excess(s.problem, s.accepted, s.sigma) for s in (fewer, found))
@@ -119,7 +121,8 @@ def _without_the_doubtful(one: _Weighed) -> SearchState:
 
 
 def _rest(data: Data, one: _Weighed, named: float) -> Finding:
-    """What nothing explains. named: share of what is named."""
+    """Return the finding for what nothing explains. named: sum of the shares of the named
+    findings."""
     sigma = one.found.sigma
     where: dict[str, Any] = dict(hot_spots(locate(data, one.residual, sigma)))
     when, times = tell_time(data, one.residual, sigma)

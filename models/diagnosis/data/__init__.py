@@ -1,2 +1,2 @@
-"""What the recordings are: laid on their grids and joined, cut where they are long, their noise and
-its colour, what must be said of them first, and where in them a misfit sits."""
+"""The recordings: laid on their grids and joined, cut where they are long, their noise and its
+colour, the warnings that come first, and where in them a misfit is."""

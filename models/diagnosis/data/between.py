@@ -1,11 +1,11 @@
-"""The drive between two samples, where these are few for what it does: its path on a finer grid.
+"""The drive between two samples, for slow sampling: its path on a finer grid.
 
 A hysteresis turns where the drive turns, and that is seldom at a sample. Straight lines between the
-samples of a smooth drive cut its peaks off; with ten samples a period they miss a twentieth of
-its swing, with five a fifth, and a delay or a lag is then looked for in what they miss. A smooth
-drive is known between its samples: by a spline of the fifth degree, which is close to the
-band-limited interpolation (M. Unser, IEEE Signal Process. Mag. 16(6), 1999). Whether a drive is
-smooth tells every second of its samples, predicted by the others.
+samples of a smooth drive cut its peaks off; with ten samples a period they miss a twentieth of its
+swing, with five a fifth, and a delay or a lag is then fitted to what they miss. A smooth drive is
+known between its samples: by a spline of the fifth degree, which is close to the band-limited
+interpolation (M. Unser, IEEE Signal Process. Mag. 16(6), 1999). A drive counts as smooth if every
+second of its samples is predicted by the others.
 """
 
 from dataclasses import replace
@@ -22,8 +22,9 @@ LEAST = 4 * DEGREE  # samples of a part
 
 
 def with_path_between(data: Data, sigma: float) -> Data:
-    """The recordings with the drive's path between their samples; as they are where it would show
-    nothing: where straight lines are near enough, or the drive is not smooth. sigma: noise rms."""
+    """Return the recordings with the drive's path between their samples; unchanged where it would
+    make no difference: where straight lines are near enough, or the drive is not smooth. sigma:
+    noise rms."""
     if data.early or data.stepped or data.path is not data:
         return data
     times = finer_by(data, sigma)
@@ -31,7 +32,7 @@ def with_path_between(data: Data, sigma: float) -> Data:
 
 
 def finer_by(data: Data, sigma: float) -> int:
-    """How many times finer the path is laid; 1: not at all."""
+    """Return the factor by which the path's grid is refined; 1: not at all."""
     parts = _parts(data)
     if min(k.size for k in parts) < LEAST:
         return 1
@@ -43,7 +44,8 @@ def finer_by(data: Data, sigma: float) -> int:
 
 
 def _missed_by_lines(data: Data, parts: list[Ints]) -> float:
-    """Rms of a spline midway between its samples, less the straight line, in the drive's unit."""
+    """Return the rms, midway between samples, of a spline less the straight line, in the drive's
+    unit."""
     square = count = 0.0
     for k in parts:
         at, u = np.arange(k.size, dtype=float), data.u[k]
@@ -53,8 +55,8 @@ def _missed_by_lines(data: Data, parts: list[Ints]) -> float:
 
 
 def _is_smooth(data: Data, parts: list[Ints]) -> bool:
-    """Whether a spline through every second sample predicts the others far better than straight
-    lines do."""
+    """Return whether a spline through every second sample predicts the others far better than
+    straight lines do."""
     lines = splines = 0.0
     for k in parts:
         at, u = np.arange(k.size, dtype=float), data.u[k]
@@ -69,7 +71,7 @@ def _is_smooth(data: Data, parts: list[Ints]) -> bool:
 
 
 def _laid_finer(data: Data, times: int) -> Data:
-    """The recordings with their path, on a grid so many times finer."""
+    """Return the recordings with their path on a grid finer by that factor."""
     pieces, places, first = [], [], 0
     for k in _parts(data):
         size = (k.size - 1) * times + 1
@@ -109,12 +111,12 @@ def _laid_finer(data: Data, times: int) -> Data:
 
 
 def _begun(size: int, mark: Any) -> Any:
-    """(size,) a mark on the first sample alone."""
+    """Return (size,) a mark on the first sample alone."""
     out = np.zeros(size, dtype=np.asarray(mark).dtype)
     out[0] = mark
     return out
 
 
 def _parts(data: Data) -> list[Ints]:
-    """Samples of each contiguous stretch."""
+    """Return the samples of each contiguous stretch."""
     return [np.flatnonzero(data.part == p) for p in np.unique(data.part)]

@@ -1,14 +1,14 @@
-"""The colour of the noise: misfit that has nothing to do with the drive, at all times alike.
+"""The colour of the noise: misfit that is unrelated to the drive and alike at all times.
 
-What is left after the best fit counts as noise where
+The residual of the best fit counts as noise where
     - its spectrum falls smoothly, without lines, and not all of it is slower than a few waves of
       the longest recording (that is drift);
     - it is as strong at all times, at every scale;
-    - the drive tells nothing of it: functions of the drive, and the displacement with an amplitude
+    - the drive does not predict it: functions of the drive, and the displacement with an amplitude
       of its own in each block of time, explain no more of it than they do when shifted in time (the
-      shifted ones have the drive's spectrum and the noise's, and only the relation is lost);
+      shifted ones keep the spectra of the drive and the noise, and only the relation is lost);
     - what repeats with a periodic drive is no stronger than what does not.
-It is reported as coloured noise then, not as structure.
+It is then reported as coloured noise, not as structure.
 """
 
 from itertools import pairwise
@@ -21,23 +21,23 @@ from dehyst.models.signals.joined import Data, Floats, Ints, alone
 from dehyst.models.signals.lines import find_lines
 from dehyst.models.signals.periodic import fundamental_hz
 
-LEAST = 64  # differences at a scale, for it to be judged
-TOWERS = 6.0  # times the usual size, that no difference reaches
+LEAST = 64  # differences at a scale, at least, to judge it
+TOWERS = 6.0  # times the usual size, which no difference may reach
 GROUPS = 8  # of time, in each recording
-EVEN = 0.7  # power in every group, at least and at most one over it, of the mean
-CHANCE = 4.0  # times what independent samples would scatter, is allowed beside
-SHIFTS = 29  # of the drive's functions in time, for what chance explains
-MORE = 1.5  # times the most that chance explains: the drive has to do with it
-ROWS = 12_000  # for these
+EVEN = 0.7  # power in every group over the mean: between this and its inverse
+CHANCE = 4.0  # allowed in addition: times the scatter of independent samples
+SHIFTS = 29  # time shifts of the drive's functions, to estimate what chance explains
+MORE = 1.5  # times the most that chance explains: above, the drive is related to it
+ROWS = 12_000  # used for these
 OCTAVES = 10
-PEAK = 2.5  # times the band below it, that no band's density may reach
-WAVES = 6.0  # of the longest recording: what is slower is drift,
-SLOW = 0.5  # where it holds more than this of what is beyond the white noise
-REPEATS = 2.0  # density on the harmonics of a periodic drive over that between them
+PEAK = 2.5  # times the smallest density of the bands below, which no band's may reach
+WAVES = 6.0  # per longest recording: what is slower is drift,
+SLOW = 0.5  # if it holds more than this share of the power beyond the white noise
+REPEATS = 2.0  # density at the harmonics of a periodic drive over that between them
 
 
 def is_coloured(data: Data, residual: Floats, sigma: float) -> bool:
-    """Whether what is left (N,) is noise of another colour than white."""
+    """Return whether the residual (N,) is noise of a colour other than white."""
     return (
         _falls(data, residual)
         and not _is_slow(data, residual, sigma)
@@ -49,17 +49,17 @@ def is_coloured(data: Data, residual: Floats, sigma: float) -> bool:
 
 
 def _has_lines(data: Data, residual: Floats) -> bool:
-    """Whether a line stands out in all recordings, or in one: of a channel that moves differently
-    in each."""
+    """Return whether a line stands out in all recordings, or in one, as of a channel that moves
+    differently in each."""
     return bool(find_lines(data, residual)) or any(
         find_lines(alone(data, i), residual[data.rec == i], 1) for i in range(len(data.names))
     )
 
 
 def _is_steady(data: Data, residual: Floats) -> bool:
-    """Whether at every scale of time the differences of neighbouring means are as large throughout,
-    and none of them towers: of noise they are independent and normal, whatever its colour (wavelets
-    of Haar)."""
+    """Return whether, at every scale of time, the differences of neighbouring means are as large
+    throughout, and none is an outlier: for noise of any colour they are independent and normal
+    (Haar wavelets)."""
     for i in range(len(data.names)):
         means = residual[data.rows & (data.rec == i)]
         while means.size >= 2 * LEAST:
@@ -79,7 +79,8 @@ def _is_steady(data: Data, residual: Floats) -> bool:
 
 
 def _is_driven(data: Data, residual: Floats) -> bool:
-    """Whether functions of the drive tell more of the residual than the same, shifted in time."""
+    """Return whether functions of the drive explain more of the residual than the same, shifted in
+    time."""
     every = max(1, int(data.rows.sum()) // ROWS)
     x = _functions(data)
     rng = np.random.default_rng(0)
@@ -108,7 +109,7 @@ def _is_driven(data: Data, residual: Floats) -> bool:
 
 
 def _functions(data: Data) -> Floats:
-    """(N, k) what misfit that the drive causes might look like."""
+    """Return (N, k) functions that misfit caused by the drive might resemble."""
     x = 2.0 * (data.u - data.u_min) / data.span - 1.0
     h = plays(np.array([0.1, 0.5]), x + 1.0, data.forgets) - 1.0
     rate = np.diff(x, prepend=x[0]) / data.dt
@@ -121,7 +122,8 @@ def _functions(data: Data) -> Floats:
 
 
 def _repeats(data: Data, residual: Floats) -> bool:
-    """Whether a periodic drive's harmonics hold more of the residual than what lies between."""
+    """Return whether a periodic drive's harmonics hold more of the residual than the frequencies
+    between."""
     on, off = [], []
     for i in range(len(data.names)):
         here = data.rec == i
@@ -144,7 +146,8 @@ def _repeats(data: Data, residual: Floats) -> bool:
 
 
 def _falls(data: Data, residual: Floats) -> bool:
-    """Whether the density falls from octave to octave, without a peak, in the longest part."""
+    """Return whether the density falls from octave to octave, without a peak, in the longest
+    part."""
     power, _ = _spectrum(data, residual)
     edges = power.size / 2.0 ** np.arange(OCTAVES, -1, -1)
     density = [
@@ -156,7 +159,8 @@ def _falls(data: Data, residual: Floats) -> bool:
 
 
 def _is_slow(data: Data, residual: Floats, sigma: float) -> bool:
-    """Whether most of what is beyond the white noise takes as long as the recordings."""
+    """Return whether most of the power beyond the white noise is as slow as the recordings are
+    long."""
     power, length = _spectrum(data, residual)
     white = sigma**2 * float(np.sum(np.hanning(length) ** 2))
     over = float(np.sum(power[1:] - white))
@@ -164,7 +168,8 @@ def _is_slow(data: Data, residual: Floats, sigma: float) -> bool:
 
 
 def _spectrum(data: Data, residual: Floats) -> tuple[Floats, int]:
-    """Power by bin of the longest part, through a window of Hann, and its samples."""
+    """Return the power by bin of the longest part, with a Hann window, and its number of
+    samples."""
     part = int(np.argmax(np.bincount(data.part)))
     e = residual[data.part == part]
     power = np.abs(np.fft.rfft((e - e.mean()) * np.hanning(e.size))) ** 2

@@ -1,7 +1,8 @@
-"""Recordings that are too long to be fitted whole: some stretches of each, at their full rate.
+"""Excerpts of recordings that are too long to be fitted whole: some stretches of each, at their
+full rate.
 
-Between two stretches only the drive's extremes stand, so that the memory of its path goes on as it
-was; filters begin anew at each stretch, and what they need to settle is not counted.
+Between two stretches only the drive's extremes are kept, so that the memory of its path continues
+as it was; filters start again at each stretch, and the samples they need to settle are not counted.
 """
 
 from dataclasses import replace
@@ -13,12 +14,12 @@ from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.signals.joined import Data, Ints
 
 STRETCHES = 4  # of each recording that is cut
-EXTREMES = 400  # pieces between two stretches, of which the lowest and the highest drive stand
-SETTLES = 0.02  # of a stretch
+EXTREMES = 400  # pieces between two stretches, of which the lowest and the highest drive are kept
+SETTLES = 0.02  # of a stretch, for filters to settle
 
 
 def excerpt(data: Data, most: int = TUNING.most_rows) -> Data:
-    """The same, with at most about `most` samples."""
+    """Return the same data with at most about `most` samples."""
     if data.n <= most:
         return data
     share = most / data.n
@@ -38,7 +39,7 @@ def excerpt(data: Data, most: int = TUNING.most_rows) -> Data:
             last = begin + each
     k, cut, apart = np.concatenate(index), np.concatenate(head), np.concatenate(between)
     rec = data.rec[k]
-    # filters begin anew wherever rows were left out, and at every extreme
+    # filters start again wherever rows were left out, and at every extreme
     starts = data.starts[k] | apart | np.r_[True, np.diff(k) > 1]
     broken = (np.diff(k) > 1) & ~(apart[1:] & apart[:-1]) | (np.diff(data.part[k]) != 0)
     part = np.cumsum(np.r_[True, broken]) - 1
@@ -64,7 +65,7 @@ def excerpt(data: Data, most: int = TUNING.most_rows) -> Data:
 
 
 def _extremes(data: Data, at: Ints) -> Ints:
-    """Of samples in a row, the lowest and the highest drive of each piece, in their order."""
+    """Return, of consecutive samples, the lowest and the highest drive of each piece, in order."""
     if at.size == 0:
         return at
     pieces = np.array_split(at, min(EXTREMES, at.size))

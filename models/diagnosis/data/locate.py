@@ -1,7 +1,7 @@
-"""Where the misfit sits: its power by time, band, voltage, rate, turns, holds and channels.
+"""Where the misfit is: its power by time, band, voltage, rate, turns, holds and channels.
 
-Each table compares the power of the residual with what noise alone would put into the same
-bins: share = (power - noise) / excess. Pure tables; pictures are drawn elsewhere.
+Each table compares the power of the residual with what noise alone would put into the same bins:
+share = (power - noise) / excess. Only tables; pictures are drawn elsewhere.
 """
 
 from typing import Any
@@ -14,9 +14,9 @@ from dehyst.models.units import spell_unit
 
 
 def locate(data: Data, residual: Floats, sigma: float) -> dict[str, Any]:
-    """Tables by name: {"edges" or "labels", "power" (mean square), "share", "unit"}.
+    """Return tables by name: {"edges" or "labels", "power" (mean square), "share", "unit"}.
 
-    power: mean square of the residual in the bin; share: part of the whole excess that the bin
+    power: mean square of the residual in the bin; share: share of the whole excess that the bin
     holds (0 where it is at the noise). `noise` is what a bin of pure noise would have.
     """
     e = residual
@@ -81,7 +81,8 @@ def locate(data: Data, residual: Floats, sigma: float) -> dict[str, Any]:
 
 
 def hot_spots(tables: dict[str, Any]) -> dict[str, str]:
-    """Where most of the excess sits, in words: table -> place that holds more than its part."""
+    """Return where most of the excess is, in words: table -> the bin with an excess out of
+    proportion."""
     out: dict[str, str] = {}
     for name in ("drive", "rate", "since_turn", "in_hold", "band"):
         t = tables.get(name)
@@ -110,13 +111,14 @@ def hot_spots(tables: dict[str, Any]) -> dict[str, str]:
 
 
 def since_turn(data: Data) -> Floats:
-    """(N,) seconds since the drive last changed its direction by more than 0.2 % of its range."""
+    """Return (N,) seconds since the drive last reversed by more than 0.2 % of its range."""
     return data.t - data.t[_last_turn(data.u, data.starts, 2e-3 * data.span)]
 
 
 @njit(cache=True, nogil=True)
 def _last_turn(u: Floats, starts: Bools, margin: float) -> Ints:
-    """Index of the last extremum from which the drive has moved away by more than the margin."""
+    """Return the index of the last extremum from which the drive has moved away by more than the
+    margin."""
     out = np.zeros(u.size, dtype=np.int64)
     high = low = u[0]
     high_at = low_at = turn = 0
@@ -141,7 +143,8 @@ def _last_turn(u: Floats, starts: Bools, margin: float) -> Ints:
 
 
 def time_in_hold(data: Data) -> Floats:
-    """(N,) seconds that the drive has rested (within 0.02 % of its range); 0 while it moves."""
+    """Return (N,) seconds that the drive has been at rest (within 0.02 % of its range); 0 while it
+    moves."""
     move = np.abs(np.diff(data.u, prepend=data.u[0])) > 2e-4 * data.span
     move |= data.starts
     last = np.maximum.accumulate(np.where(move, np.arange(data.n), 0))
@@ -154,7 +157,7 @@ def _share(e: Floats, sigma: float, total: float, mask: Bools) -> float:
 
 
 def _bands(data: Data, e: Floats, sigma: float) -> dict[str, Any]:
-    """Excess by frequency, third-octave-like bands of Welch spectra of each recording."""
+    """Return the excess by frequency, in logarithmic bands of the spectra of each part."""
     top = 0.5 / data.period
     longest = max(float(np.ptp(data.t[data.rec == i])) for i in range(len(data.names)))
     edges = np.geomspace(max(2.0 / longest, 1e-4 * top), top, 25)
@@ -182,7 +185,7 @@ def _bands(data: Data, e: Floats, sigma: float) -> dict[str, Any]:
 
 
 def _correlation(c: Floats, e: Floats, data: Data) -> float:
-    """Correlation of the residual with a channel, means of each recording taken off."""
+    """Return the correlation of the residual with a channel, less the means of each recording."""
     xy = xx = yy = 0.0
     for i in range(len(data.names)):
         k = (data.rec == i) & data.rows

@@ -1,8 +1,8 @@
 """The noise floor of the displacement reading.
 
-From the fourth difference of the residual, which removes everything smooth and leaves white
-noise (D. Donoho's robust median rule on a high-pass). Lines and ringing above a quarter of the
-sampling rate are rejected by medians over time and over frequency.
+It is estimated from the upper part of the residual's spectrum, or from the residual's differences,
+which remove everything smooth and leave white noise (D. Donoho's robust median rule on a
+high-pass). Lines and ringing are rejected by medians over time and over frequency.
 """
 
 import numpy as np
@@ -13,16 +13,16 @@ from dehyst.models.signals.periodic import period_samples
 
 
 def noise_rms(data: Data, residual: Floats) -> float:
-    """Rms of the white part of a residual (N,), in displacement units.
+    """Return the rms of the white part of a residual (N,), in displacement units.
 
     Where the drive repeats itself exactly, what the reading does not repeat is noise too, and the
-    smaller of the two estimates holds: a drive that fills the band leaves it no quiet part.
+    smaller of the two estimates is used: a drive that fills the band leaves no quiet part of it.
 
-    The upper two thirds of the band of windowed segments: the median over time of each
-    frequency, then the median over frequencies, so that fixed lines, ringing and moves do not
-    count. Where rows are missing all over, the differences of neighbours that are both there, in
-    place of spectra; of a polled gauge, fourth differences of its readings. Never less than what
-    the reading's steps make: one step over the root of 12.
+    Usually the upper two thirds of the band of windowed segments are used: the median over time of
+    each frequency, then the median over frequencies, so that fixed lines, ringing and moves do not
+    count. Where rows are missing throughout, differences of adjacent valid samples replace the
+    spectra; for a polled gauge, fourth differences of its readings. The result is never less than
+    the quantisation noise of the reading: one step over the root of 12.
     """
     powers = []
     window = np.hanning(TUNING.segment)
@@ -55,8 +55,8 @@ def noise_rms(data: Data, residual: Floats) -> float:
 
 
 def _unrepeated(data: Data) -> float:
-    """Rms of what differs between two periods of the drive, over the root of two; infinite where
-    no recording repeats."""
+    """Return the rms of the difference between two periods of the drive, over the root of two;
+    infinite where no recording repeats."""
     best = np.inf
     for p in np.unique(data.part):
         u, y = data.u[data.part == p], data.y[data.part == p]
@@ -65,13 +65,13 @@ def _unrepeated(data: Data) -> float:
         lag = period_samples(u)
         if lag == 0 or np.abs(u[lag:] - u[:-lag]).max() > 2e-3 * data.span:
             continue
-        d = np.diff(y[lag:] - y[:-lag])  # differences once more: drift is not noise
+        d = np.diff(y[lag:] - y[:-lag])  # differenced once more: drift is not noise
         best = min(best, float(1.4826 * np.median(np.abs(d)) / 2.0))
     return best
 
 
 def quantum(y: Floats) -> float:
-    """Smallest step of the reading that occurs."""
+    """Return the smallest step of the reading that occurs."""
     steps = np.diff(np.unique(y[: min(y.size, 20000)]))
     steps = steps[steps > 1e-9 * max(1.0, float(np.abs(y).max()))]
     return float(steps.min()) if steps.size else 0.0

@@ -1,14 +1,14 @@
-"""Recordings made ready for the diagnosis: laid on their sampling grid, joined, with rows to leave
-out.
+"""Prepare recordings for the diagnosis: lay them on their sampling grid, join them, mark rows to
+leave out.
 
-A row that is missing stays missing: it stands on the grid with the drive between its neighbours,
-so that every operator runs through it, and no fit counts it. Behind a stall of the recorder the
-drive's way is not known, and what follows is left out until it has settled. Behind a long gap the
-recording begins anew, in another part.
+A missing row stays missing: on the grid the drive is interpolated between its neighbours, so that
+every operator runs through it, and no fit counts it. After a stall of the recorder the drive's path
+is not known, and the rows that follow are left out until the stage has settled. After a long gap
+the recording starts again, in another part.
 
-Times, drive, displacement and channels of all recordings stand in one array each; `starts` marks
-where a part begins. `rows` are the samples the fits count; the states of all operators run through
-every sample.
+Times, drive, displacement and channels of all recordings are in one array each; `starts` marks
+where a part begins. `rows` are the samples that the fits count; the states of all operators run
+through every sample.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 from dehyst.models.signals.pasts import FRESH
 from dehyst.models.signals.repeats import repeated_readings
 
-FIRST_WAY = 0.8  # of the drive's range
+FIRST_WAY = 0.8  # of the drive's range: end of the first sweep
 MISSED = "missed"  # channel of the daemon's recordings: 1 where the sample came late
 
 
@@ -36,8 +36,8 @@ MISSED = "missed"  # channel of the daemon's recordings: 1 where the sample came
 class Laid:
     """One recording on its sampling grid: arrays (n,).
 
-    raw: row of the recording, -1 where there is none; cut: a part begins; known: the reading is
-    there and the drive's way to it too.
+    raw: row of the recording, -1 where there is none; cut: a part begins; known: the reading exists
+    and the drive's path to it is known.
     """
 
     t: Floats
@@ -53,8 +53,8 @@ class Laid:
 
 
 def lay_on_grid(one: Recording) -> Laid:
-    """A recording on the grid of its sampling period. Raises BadRecording where too few samples
-    are there."""
+    """Lay a recording on the grid of its sampling period. Raises BadRecording where there are too
+    few usable samples."""
     assert one.displacement is not None
     t, u, y = (np.asarray(a, dtype=float) for a in (one.t_s, one.drive, one.displacement))
     again = repeated_readings(y, u)
@@ -71,7 +71,7 @@ def lay_on_grid(one: Recording) -> Laid:
     steps = np.maximum(np.round(np.diff(t[raw]) / dt), 1.0)
     near = steps <= TUNING.stall
     if np.sum(steps[near]) > 1.001 * np.sum(np.diff(t[raw])[near]) / dt + 2:
-        steps[near] = 1.0  # the stamps jitter, the samples do not
+        steps[near] = 1.0  # the time stamps jitter, the samples do not
     long = steps > TUNING.long_gap
     place = np.r_[0, np.cumsum(np.where(long, 1.0, steps))].astype(np.int64)
     n = int(place[-1]) + 1
@@ -100,16 +100,16 @@ def lay_on_grid(one: Recording) -> Laid:
         cut=cut,
         known=known & ~held_up,
         dt=dt,
-        missing=int(np.count_nonzero(~known)) - repeats,  # a pause lacks no readings
+        missing=int(np.count_nonzero(~known)) - repeats,  # in a pause no readings are missing
         repeats=repeats,
         stalls=int(np.count_nonzero(steps > TUNING.stall)),
     )
 
 
 def _period(steps: Floats, typical: float) -> float:
-    """Sampling period [s]: that of the short steps, where these are of one length; the typical step
-    is a mean of one and two periods where every third row is missing. Not where most of that grid
-    would be empty."""
+    """Return the sampling period [s]: that of the short steps, where these are of one length; the
+    typical step is a mean of one and two periods where every third row is missing. It is not used
+    where most of that grid would be empty."""
     shortest = float(np.quantile(steps, 0.1))
     alike = steps[(steps > 0.5 * shortest) & (steps < 1.5 * shortest)]
     tight = float(np.std(alike)) < 0.1 * shortest
@@ -118,14 +118,14 @@ def _period(steps: Floats, typical: float) -> float:
 
 
 def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
-    """Join recordings of one stage. virgin: what begins at the lowest drive was de-energised
+    """Join recordings of one stage. virgin: a part that begins at the lowest drive was de-energised
     before. Raises BadRecording where they cannot be diagnosed."""
     if not recordings:
         raise BadRecording("no recording given; the diagnosis needs at least one")
     shared = set(recordings[0].channels) - {MISSED}
     for one in recordings[1:]:
         shared &= set(one.channels)
-    pieces: list[dict[str, Any]] = []  # by the names of the fields of Data
+    pieces: list[dict[str, Any]] = []  # keyed by field names of Data
     channels: dict[str, list[Floats]] = {k: [] for k in sorted(shared)}
     part = block = missing = repeats = stalls = 0
     lowest = min(_lowest_drive(one) for one in recordings)
@@ -192,7 +192,7 @@ def _units(one: Recording) -> tuple[str, str]:
 
 
 def _filled(x: Floats) -> Floats:
-    """A slow channel's missing samples hold the last known value."""
+    """Return a slow channel with its missing samples interpolated."""
     good = np.isfinite(x)
     if good.all() or not good.any():
         return x
@@ -200,13 +200,14 @@ def _filled(x: Floats) -> Floats:
 
 
 def _cut_evenly(size: int, pieces: int) -> Ints:
-    """(size,) the piece that each sample is in, when so many of equal length follow each other."""
+    """Return (size,) the index of the piece of each sample, for that number of consecutive pieces
+    of equal length."""
     return np.arange(size) * pieces // size
 
 
 def _groups(u: Floats) -> Ints:
-    """(n,) cross-validation group of each sample, -1 where it is in none: the first way over the
-    drive's range is shown once, and nothing else predicts it."""
+    """Return (n,) the cross-validation group of each sample, -1 where it is in none: the first
+    sweep over the drive's range occurs once, and nothing else predicts it."""
     out = _cut_evenly(u.size, TUNING.folds * TUNING.time_blocks) % TUNING.folds
     swept = np.maximum.accumulate(u) - np.minimum.accumulate(u)
     head = int(np.searchsorted(swept, FIRST_WAY * float(swept[-1])))
@@ -215,27 +216,28 @@ def _groups(u: Floats) -> Ints:
 
 
 def were_de_energised(recordings: Sequence[Recording]) -> bool:
-    """Does what begins at the lowest drive look as if the stage had been de-energised before
-    (dehyst.models.identify.start)? True where that cannot be asked."""
+    """Return whether what begins at the lowest drive looks as if the stage had been de-energised
+    before (dehyst.models.identify.start); True where that cannot be decided."""
     try:
         span = max(float(np.nanmax(one.drive) - np.nanmin(one.drive)) for one in recordings)
         setups = [set_up([read_rows(one, span)], monotone=True) for one in recordings]
         return all(start_agrees(setup, rate=False) for setup in setups)
-    except (DehystError, ValueError):  # also where a drive has no row
+    except (DehystError, ValueError):  # also where a drive has no rows
         return True
 
 
 def _lowest_drive(one: Recording) -> float:
-    """Of a recording; inf where there is none."""
+    """Return the lowest drive of a recording; inf where there is none."""
     known = one.drive[np.isfinite(one.drive)]
     return float(known.min()) if known.size else np.inf
 
 
 def _known_history(u: Floats, cut: Bools, lowest: float) -> Bools:
-    """False at the head of each part until the drive has swept most of its range.
+    """Return rows that are False at the head of each part until the drive has swept most of its
+    range.
 
-    lowest: a part that starts there was de-energised, and counts from the start. At most a third
-    of a part is left out.
+    lowest: a part that starts there was de-energised, and counts from the start. At most a third of
+    a part is left out.
     """
     rows = np.ones(u.size, dtype=bool)
     span = float(np.ptp(u))

@@ -1,4 +1,4 @@
-"""What must be said of recordings before anything is said of the stage."""
+"""Warnings about the recordings that come before any statement about the stage."""
 
 from collections.abc import Sequence
 
@@ -11,8 +11,8 @@ from dehyst.models.physics.candidate import small
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.ways import turns_within_ways
 
-COARSE = 1.5  # noise rms that a step of the reading must reach to be reported
-FOLLOWS = 0.2  # part of the displacement's power that a memory of the drive must explain
+COARSE = 1.5  # times the noise rms: a larger step of the reading is reported
+FOLLOWS = 0.2  # share of the displacement's power that a memory of the drive must explain
 BUTTERFLY = (
     "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "
     "ferroelectric that is driven through its coercive field): no model with one direction fits, "
@@ -24,19 +24,19 @@ FEW_PLACES = (
     "or at a rate that is no multiple of the drive's frequency"
 )
 ONE_SIDE = "Drive it on one side of its turning points only, and diagnose again."
-CURVE = 7  # degree of the curve of the drive that a stage without hysteresis follows
-NARROW = (0.1, 1e-3)  # of the noise, of the reading's range: what it may leave above the noise
+CURVE = 7  # degree of the function of the drive that a stage without hysteresis follows
+NARROW = (0.1, 1e-3)  # of the noise, of the reading's range: largest residual above the noise
 TOO_NOISY = 0.02  # of the reading's range: with more noise a loop may hide
-WIDTH = 3.0  # of a loop, full, over the rms that a curve through its middle leaves
-SLOW = 0.2  # drive's mean step between samples, of its mean size: more is slow sampling
+WIDTH = 3.0  # full width of a loop over the rms that a curve through its middle leaves
+SLOW = 0.2  # rms step of the drive between samples over its std: above, the sampling is slow
 
 
 def survey(
     data: Data, fitted: Data, noise: tuple[float, float], unexplained: float, more: Sequence[str]
 ) -> DataQuality:
-    """data: all samples; fitted: those that were fitted; noise: white and whole rms; unexplained:
-    mean square that a memory of the drive of any shape leaves; more: what else is to be said, of
-    the model in use first."""
+    """Return the quality of the recordings. data: all samples; fitted: those that were fitted;
+    noise: white and whole rms; unexplained: mean square that a memory of the drive of any shape
+    leaves; more: further warnings, those about the model in use first."""
     said = list(more)
     sigma, whole = noise
     if data.missing:
@@ -121,12 +121,13 @@ def survey(
 
 
 def follows(data: Data, unexplained: float) -> bool:
-    """Whether the drive explains something of the displacement."""
+    """Return whether the drive explains something of the displacement."""
     return unexplained < (1.0 - FOLLOWS) * _variance(data)
 
 
 def has_no_loop(data: Data, sigma: float) -> bool:
-    """Whether a curve of the drive, and an offset for each recording, explain all but the noise."""
+    """Return whether a function of the drive, and an offset for each recording, explain all but the
+    noise."""
     k = np.flatnonzero(data.rows)
     k = k[:: max(1, k.size // 50_000)]
     u, y = data.u[k], data.y[k]
@@ -146,7 +147,7 @@ def _variance(data: Data) -> float:
 
 
 def comes_back(data: Data) -> bool:
-    """Whether the displacement turns round within ways of the drive, on most of them."""
+    """Return whether the displacement reverses within sweeps of the drive, in most of them."""
     reach = float(np.ptp(data.y))
     parts = [data.part == p for p in np.unique(data.part)]
     counts = [turns_within_ways(data.u[k], data.y[k], data.span, reach) for k in parts]
@@ -155,13 +156,14 @@ def comes_back(data: Data) -> bool:
 
 
 def _is_slow(data: Data) -> bool:
-    """Whether the drive moves far between two samples, again and again."""
+    """Return whether the drive moves far between two samples, again and again."""
     step = np.diff(data.u)[~data.starts[1:]]
     return bool(np.sqrt(np.mean(step**2)) > SLOW * np.std(data.u))
 
 
 def left_of(data: Data, prediction: Floats) -> Floats:
-    """(N,) reading less a prediction, without its mean over the rows of each recording."""
+    """Return (N,) the reading less a prediction, without its mean over the rows of each
+    recording."""
     e = data.y - prediction
     out = np.empty(data.n)
     for i in range(len(data.names)):

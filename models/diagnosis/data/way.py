@@ -1,9 +1,9 @@
-"""What the drive's path allows to report: how often it turns round, whether it stands still, and
-whether it goes round one loop alone.
+"""What the drive's path allows to report: how often it reverses, whether it rests, and whether it
+only repeats a single loop.
 
-Where the drive passes each level once up and once down, any slow function of time is a difference
-between the two branches, and so is a channel that itself goes to and fro once. No fit tells them
-from a hysteresis, however little they leave.
+Where the drive passes each level once up and once down, any slow function of time looks like a
+difference between the two branches, and so does a channel that itself goes up and down once. No fit
+distinguishes them from a hysteresis, however small the residual.
 """
 
 import numpy as np
@@ -13,21 +13,21 @@ from dehyst.models.physics.candidate import Candidate
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.periodic import fundamental_hz
 
-LOOKED_AT = 4000  # samples of a part, in which its turns are counted
-LONG = 0.1  # of the range: a move behind which a turn counts
-PIECES = 50  # of a part, in each of which the drive moves or stands still
-STILL = 0.02  # of the range, that it moves in a piece at most; one triangle moves twice as far
-STILL_FOR = 0.2  # of all pieces
-SAME_HZ = 0.01  # part by which the frequencies of one loop differ at most
-SURELY = 4.0  # standard deviations, and
-AGAINST = 0.01  # of the displacement's range, by which it moves against the drive
+LOOKED_AT = 4000  # samples of a part that are used to count its turns
+LONG = 0.1  # of the range: a turn counts after a longer move
+PIECES = 50  # of a part, in each of which the drive moves or rests
+STILL = 0.02  # of the range: largest move in a piece at rest; one triangle moves twice as far
+STILL_FOR = 0.2  # of all pieces, at rest
+SAME_HZ = 0.01  # largest relative difference of the frequencies of one loop
+SURELY = 4.0  # standard deviations, plus
+AGAINST = 0.01  # of the displacement's range: least move against the drive
 SAME_PLACE = 1e-3  # of the drive's range
-TURNS_OF_A_LOOP = 2.5  # in a period, at most: a loop turns twice
+TURNS_OF_A_LOOP = 2.5  # largest number in a period: a loop turns twice
 
 
 def turns(data: Data, signal: Floats | None = None) -> int:
-    """How often the drive, or a signal (N,), turns round after a move of a tenth of its range, in
-    all recordings."""
+    """Return how often the drive, or a signal (N,), reverses after a move of a tenth of its range,
+    in all recordings."""
     x = data.u if signal is None else signal
     count, long = 0, LONG * float(np.ptp(x))
     for p in np.unique(data.part):
@@ -46,13 +46,13 @@ def turns(data: Data, signal: Floats | None = None) -> int:
 
 
 def hardly_turns(data: Data) -> bool:
-    """Whether the drive turns round too seldom to tell what it causes from its loop."""
+    """Return whether the drive reverses too seldom to distinguish what it causes from its loop."""
     return turns(data) < TUNING.few
 
 
 def one_loop_alone(data: Data) -> bool:
-    """Whether the drive goes round one loop again and again, at one frequency: what time does to
-    it and what the way does look alike, and a row held out is one that was seen."""
+    """Return whether the drive only repeats one loop, at one frequency: then effects of time and of
+    the path look alike, and a held-out row repeats one that was fitted."""
     periods, each = 0.0, []
     for p in np.unique(data.part):
         here = data.part == p
@@ -65,17 +65,17 @@ def one_loop_alone(data: Data) -> bool:
 
 
 def places_seen(data: Data) -> int:
-    """In how many places of its path the drive is seen: few, where it repeats itself within few
-    samples."""
+    """Return the number of distinct places of its path at which the drive is sampled: few, where it
+    repeats itself within few samples."""
     step = SAME_PLACE * data.span
     near = np.column_stack([np.roll(data.u, 1), data.u, np.roll(data.u, -1)])[data.rows]
     return int(np.unique(np.round(near / step), axis=0).shape[0])
 
 
 def moves_against(data: Data, noise: float) -> bool:
-    """Whether the displacement moves against the drive where the path of this rises, or falls, from
-    one sample to the next: no hysteresis does, whatever its class, and what comes late does.
-    noise: rms of a reading. Steps that repeat each other are reported by their mean."""
+    """Return whether the displacement moves against the drive where the drive's path rises, or
+    falls, from one sample to the next: no hysteresis of any class does that, and late effects do.
+    noise: rms of a reading. Steps that repeat each other are averaged."""
     path, places = data.path, data.places if data.between is not None else np.arange(data.n)
     rises = np.concatenate([[0], np.cumsum(np.diff(path.u) > 0)])
     falls = np.concatenate([[0], np.cumsum(np.diff(path.u) < 0)])
@@ -96,7 +96,7 @@ def moves_against(data: Data, noise: float) -> bool:
 
 
 def stands_still(data: Data) -> bool:
-    """Whether the drive stands still for so long that a change in time shows by itself."""
+    """Return whether the drive rests long enough that a change in time shows by itself."""
     still = []
     for p in np.unique(data.part):
         pieces = np.array_split(data.u[data.part == p], PIECES)
@@ -105,7 +105,8 @@ def stands_still(data: Data) -> bool:
 
 
 def can_be_distinguished(candidate: Candidate, data: Data) -> bool:
-    """Whether a candidate can be distinguished from the loop of a drive that hardly turns round."""
+    """Return whether a candidate can be distinguished from the loop of a drive that hardly
+    reverses."""
     if candidate.driven:
         return False
     if candidate.channel and turns(data, data.channels[candidate.channel]) >= TUNING.few:

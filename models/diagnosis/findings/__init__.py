@@ -1,1 +1,1 @@
-"""From the search's last fit to what is said: names, rivals, shape, what has a time, limits."""
+"""The report of a search: names, rivals, shape, episodes in time, limits."""

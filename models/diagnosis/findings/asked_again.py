@@ -1,9 +1,9 @@
-"""What the search would tell, had the recordings an effect more: asked with the effect put in.
+"""Repeat the search with an effect added to the recordings, to see whether it would be reported.
 
-As many questions are asked of the same recordings, what they share is made once: the rows that
-count, the base's columns behind what was found, and what each candidate would add from its starts.
-An effect at a limit is about as large as the noise, so all fits stand about the one that was found
-(`Problem.about`).
+As this is done many times with the same recordings, the shared parts are computed once: the rows
+that count, the base's columns filtered by the effects found, and the contribution of each candidate
+from its starts. An effect at a limit is about as large as the noise, so all fits are linearised
+about the one that was found (`Problem.about`).
 """
 
 from collections.abc import Collection, Sequence
@@ -25,7 +25,7 @@ from dehyst.models.signals.joined import Floats
 
 
 class AskedAgain:
-    """The recordings of a search, to be asked again with effects put in."""
+    """The recordings of a search, to be searched again with effects added."""
 
     def __init__(self, found: SearchState) -> None:
         light = found.problem.light(TUNING.limit_rows).one_by_one()
@@ -36,17 +36,19 @@ class AskedAgain:
         self._everything = may_be_tried(light.data, found.share, ())
         look = Screen(self._problem, self._known)
         self._look = look.leaving(look.residual)
-        # what a candidate looks for in a residual: here in the one that was found
+        # starts that a candidate derives from a residual: here from the one that was found
         self._starts = [
             (c, [tuple(s) for s in c.starts(light.data, look.residual)])
             for c in still_open(light, self._known, self._everything)
         ]
 
     def names(self, put_in: Candidate, added: Floats) -> set[str]:
-        """Names that are reported beside what was found, where the reading has (N,) more in it.
+        """Return the names reported in addition to what was found, where (N,) `added` is added to
+        the reading.
 
-        put_in: whose effect that is. Where it does not take all of it, it is weighed against the
-        others, of which those that are confused with it look at the residual anew.
+        put_in: the candidate whose effect that is. Where it does not remove all of it, it is
+        compared with the others; those that are confused with it derive their starts from the new
+        residual.
         """
         there = self._problem.with_reading(self._problem.data.y + added)
         known = there.solve(self._known.effects, self._output)
@@ -71,7 +73,8 @@ class AskedAgain:
     def _rank(
         self, state: SearchState, look: Screen, anew: Collection[str]
     ) -> list[ScreenedCandidate]:
-        """Candidates by what they promise; anew: names whose starts come from this residual."""
+        """Return the candidates ranked by estimated gain; anew: names whose starts come from this
+        residual."""
         return in_order_of_promise(
             state,
             [
@@ -83,8 +86,9 @@ class AskedAgain:
     def _has_rivals(
         self, state: SearchState, own: CandidateTrial, ranked: Sequence[ScreenedCandidate]
     ) -> bool:
-        """Whether another candidate could take the place of the one that was put in: it leaves more
-        than there was before, or a plainer one promises as much."""
+        """Return whether another candidate could take the place of the one that was added: that one
+        leaves more than there was before, or it is not the plainest and another's estimated gain is
+        more than half of its own."""
         n, sigma = state.counted, state.sigma
         if own.fit.sse - self._known.sse > n * (TUNING.trace * sigma) ** 2:
             return True

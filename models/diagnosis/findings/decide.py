@@ -1,5 +1,5 @@
-"""From the search's last fit to named findings with shares, intervals and rivals, to a verdict, and
-to what should be recorded next."""
+"""Turn the search's last fit into named findings with shares, intervals and rivals, a verdict, and
+a proposal of what to record next."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,10 +25,10 @@ from dehyst.models.physics.candidate import Candidate, small
 def verdict_of(
     findings: Sequence[Finding], left: float, at_first: float, beside: float, floor: float
 ) -> str:
-    """clean, explained, partly or unknown. Rms excess over the noise: left, at_first: that the
-    augmented model and the model in use leave; beside: that a loop of any shape leaves without
-    physics, against which what physics explains is measured. floor: rms of the noise, or of what
-    no base is better than."""
+    """Return clean, explained, partly or unknown. Rms beyond the noise: left, at_first: of the
+    augmented model and of the model in use; beside: of a loop of any shape without physics, against
+    which the explained part is measured. floor: rms of the noise, or the smallest error of any
+    base."""
     structure = TUNING.strong * floor
     if not findings:
         return "unknown" if at_first > structure else "clean"
@@ -41,8 +41,8 @@ def verdict_of(
 
 
 def report_effects(problem: Problem, found: SearchState, held: float) -> list[Finding]:
-    """Findings of the accepted effects; two of one kind are reported as one. share: mean square
-    that each removes of held-out samples, to be made a part of the whole. held: what all leave."""
+    """Return the findings of the accepted effects. share: mean square that each removes of held-out
+    samples, later scaled to a share of the whole. held: mean square that all leave."""
     final, data, sigma = found.accepted, problem.data, found.sigma
     values = intervals(problem, final, sigma)
     keys = {"_um": f"_{data.unit}", "_v_": f"_{data.drive_unit}_", "_v": f"_{data.drive_unit}"}
@@ -84,20 +84,20 @@ def report_effects(problem: Problem, found: SearchState, held: float) -> list[Fi
 
 
 def shared_out(findings: Sequence[Finding], removed: float) -> list[Finding]:
-    """Findings, strongest first and the shape behind them, with shares that add up to `removed`,
-    the part of the explainable misfit that all remove together."""
+    """Return the findings in rank order, with shares that add up to `removed`, the share of the
+    explainable misfit that all remove together."""
     total = max(sum(f.share for f in findings), 1e-300) * (1.0 + 1e-12)  # rounded, still within 1
     return in_rank([replace(f, share=removed * f.share / total) for f in findings])
 
 
 def in_rank(findings: Sequence[Finding]) -> list[Finding]:
-    """Strongest first; the shape behind the physics. A cause can be acted upon, while another shape
-    of the loop is what the model's own class could not follow beside it."""
+    """Return the findings strongest first, with the shape after the physics. A cause can be acted
+    upon; the shape is what the model's own class could not follow in addition."""
     return sorted(findings, key=lambda f: (f.name == "shape", -f.share))
 
 
 def _in_units(key: str, units: dict[str, str]) -> str:
-    """A parameter's key with the recordings' units in place of micrometres and volts."""
+    """Return a parameter's key with the recordings' units in place of micrometres and volts."""
     if "_um" in key:
         return key.replace("_um", units["_um"], 1)
     if key.endswith("_v"):
@@ -108,8 +108,8 @@ def _in_units(key: str, units: dict[str, str]) -> str:
 def _other_names(
     c: Candidate, near: Sequence[RivalEffect], beside: Sequence[Effect]
 ) -> tuple[str, ...]:
-    """Names that would do as well. A drift beside creep may be that creep's own past, in another
-    form than the library's."""
+    """Return the names that would do as well. A drift found together with creep may be that creep's
+    own past, in a form other than the library's."""
     names = [r.name for r in near]
     if c.last:
         names += [e.candidate.name for e in beside if e.candidate.name in c.confused_with]
@@ -124,7 +124,7 @@ def _reservations(
     changed: Growth | None,
     wide: Sequence[str],
 ) -> str:
-    """What the sentence must add so that it does not promise too much."""
+    """Return the reservations that the sentence needs so that it does not claim too much."""
     c, text = effect.candidate, ""
     if any(r.name == c.name and r.place != c.place for r in near):
         text += " These recordings cannot show whether it is the amplifier or the sensor."
@@ -141,8 +141,8 @@ def _reservations(
 
 
 def unknown(left: float, share: float, where: dict[str, str], unit: str, when: str = "") -> Finding:
-    """The finding for structure that nothing in the library explains. left: rms; share: part of the
-    explainable misfit; when: what is to be said of its time."""
+    """Return the finding for structure that nothing in the library explains. left: rms; share:
+    share of the explainable misfit; when: text on when it occurs."""
     places = "; ".join(f"{k.replace('_', ' ')}: {v}" for k, v in where.items())
     nowhere = "." if when else ", spread over the whole recording."
     return Finding(
@@ -166,14 +166,15 @@ def unknown(left: float, share: float, where: dict[str, str], unit: str, when: s
 
 
 def next_experiment(verdict: str, findings: Sequence[Finding], blind: Sequence[str]) -> str:
-    """What to record next, in one sentence. blind: names that the recordings could not show."""
+    """Return what to record next, in one sentence. blind: names that the recordings could not
+    show."""
     apart = {
         frozenset({one.name, rival}): drive
         for one in PHYSICS.values()
         for rival, drive in one.distinguished_by.items()
     }
     for f in findings:
-        # a shape has no experiment of its own: what it may be is distinguished
+        # a shape has no experiment of its own: distinguish its possible causes
         for one, other in combinations((f.name, *f.ambiguous_with), 2):
             text = apart.get(frozenset({one, other}))
             if text:

@@ -1,8 +1,9 @@
-"""What is there for a part of the time: a line in some stretches, a slip, a change in mid-record.
+"""Effects that are present for part of the time: a line in some stretches, a slip, a change in
+mid-record.
 
-Looked for in what the final fit leaves. A recording is cut into stretches; a line must tower over
-its neighbours in stretches that follow each other, and be absent in others; a slip is one step of
-the level; a change is an excess that begins, or ends, at a time.
+They are searched for in the residual of the final fit. A recording is cut into stretches; a line
+must tower over its neighbours in consecutive stretches, and be absent in others; a slip is one step
+of the level; a change is an excess that begins, or ends, at a time.
 """
 
 from dataclasses import dataclass, replace
@@ -16,30 +17,31 @@ from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 from dehyst.models.signals.lines import is_of_the_drive
 
 STRETCHES = 24
-LEAST = 128  # samples of a stretch
-TOWERS = 6.0  # times the median of its neighbours, a line in a stretch
-ABSENT = 0.35  # of the largest amplitude: below, the line is not there
-MOST_OF_TIME = 0.75  # there for longer is no episode
+LEAST = 128  # samples of a stretch, at least
+TOWERS = 6.0  # times the median of its neighbours, for a line in a stretch
+ABSENT = 0.35  # of the largest amplitude: below, the line is absent
+MOST_OF_TIME = 0.75  # present for longer, it is no episode
 NEIGHBOURS = 20  # bins to either side
 WIDTH = 1.96
 SAME_LINE = 0.01  # relative distance of frequencies
-BAND = 1.25  # factor of frequency to either side, in which a line must be alone:
-LEFT = 0.3  # of its power there may be beside it, and at other times
-SLIP = 0.4  # of the excess, that one step of the level must explain
-CHANGE = 0.6  # of the excess, that must lie on one side of a time,
-CHANGES_BY = 5.0  # and so many times as dense as on the other
+BAND = 1.25  # factor of frequency to either side, within which a line must be alone:
+LEFT = 0.3  # of its power, at most, may remain there, and be there at other times
+SLIP = 0.4  # of the excess, which one step of the level must explain
+CHANGE = 0.6  # of the excess, which must lie on one side of a time,
+CHANGES_BY = 5.0  # with a power this many times that on the other side
 
 
 @dataclass(frozen=True)
 class Episode:
-    """A finding and what it takes off the residual (N,)."""
+    """A finding and the (N,) contribution that it removes from the residual."""
 
     finding: Finding
     removed: Floats
 
 
 def find_episodes(data: Data, residual: Floats, sigma: float) -> Episode | None:
-    """The strongest line that is there for a part of the time, with all its times; None without."""
+    """Return the strongest line that is present for part of the time, with all its times; None if
+    there is none."""
     first = find_line(data, residual, sigma)
     if first is None:
         return None
@@ -59,7 +61,7 @@ def find_episodes(data: Data, residual: Floats, sigma: float) -> Episode | None:
 
 
 def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
-    """The strongest line that is there in a part of one recording."""
+    """Return the strongest line that is present in part of one recording."""
     found = [
         line
         for i in range(len(data.names))
@@ -95,7 +97,7 @@ def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
 
 @dataclass(frozen=True)
 class _Line:
-    """A line in some stretches of a recording. here, removed: (N,) where, and the line itself;
+    """A line in some stretches of a recording. here, removed: (N,) where it is, and its waveform;
     sizes: its amplitude by stretch."""
 
     recording: int
@@ -106,7 +108,7 @@ class _Line:
 
 
 def _lines_of(data: Data, residual: Floats, i: int) -> list[_Line]:
-    """Lines that tower in stretches that follow each other, and are absent in others."""
+    """Return lines that tower in consecutive stretches, and are absent in others."""
     at = np.flatnonzero((data.rec == i) & (data.raw_index >= 0))
     each = at.size // STRETCHES
     if each < LEAST:
@@ -142,8 +144,8 @@ def _lines_of(data: Data, residual: Floats, i: int) -> list[_Line]:
 
 
 def _is_alone(data: Data, residual: Floats, sigma: float, line: _Line) -> bool:
-    """Whether the line is most of what there is about its frequency, while it is there, and at
-    other times there is little: what wanders, or rings now and then, is no line."""
+    """Return whether the line holds most of the power near its frequency while it is present, and
+    there is little at other times: a component that wanders, or rings now and then, is no line."""
     here = line.here
     if float(np.sum(line.removed[here] ** 2)) < (5.0 * sigma) ** 2 * 8:
         return False
@@ -160,7 +162,7 @@ def _is_alone(data: Data, residual: Floats, sigma: float, line: _Line) -> bool:
 
 
 def _band(x: Floats, dt: float, f: float) -> Floats:
-    """The part of a signal about a frequency."""
+    """Return the part of a signal near a frequency."""
     spectrum = np.fft.rfft(x - x.mean())
     at = np.fft.rfftfreq(x.size, dt)
     spectrum[(at < f / BAND) | (at > f * BAND)] = 0.0
@@ -168,7 +170,7 @@ def _band(x: Floats, dt: float, f: float) -> Floats:
 
 
 def tell_time(data: Data, residual: Floats, sigma: float) -> tuple[str, dict[str, float | str]]:
-    """In words, and as places, when the level or the size of what is left changes; "" and nothing
+    """Return, in words and as places, when the level or the size of the residual changes; "" and {}
     where it does not."""
     spans: list[tuple[float, str, dict[str, float | str]]] = []
     whole = float(np.sum(residual[data.rows] ** 2)) - sigma**2 * int(data.rows.sum())
@@ -197,7 +199,7 @@ def tell_time(data: Data, residual: Floats, sigma: float) -> tuple[str, dict[str
 
 
 def _best_step(x: Floats) -> tuple[int, float, float]:
-    """Index, size and fall of the sum of squares of the best single step of a mean."""
+    """Return index, size and fall of the sum of squares of the best single step of a mean."""
     n = x.size
     c = np.cumsum(x - x.mean())
     k = np.arange(1, n)
@@ -209,7 +211,7 @@ def _best_step(x: Floats) -> tuple[int, float, float]:
 
 
 def _floor(amplitude: Floats) -> Floats:
-    """Median over each bin's neighbours, stretch by stretch."""
+    """Return the median over each bin's neighbours, stretch by stretch."""
     n = amplitude.shape[1]
     out = np.empty_like(amplitude)
     for k in range(n):
@@ -219,7 +221,7 @@ def _floor(amplitude: Floats) -> Floats:
 
 
 def _fit_line(data: Data, residual: Floats, here: Bools, f0: float) -> tuple[float, Floats]:
-    """The frequency near f0 that takes most, and the line (N,), 0 elsewhere."""
+    """Return the frequency near f0 that removes most, and the line (N,), 0 elsewhere."""
     t, e = data.t[here], residual[here] - residual[here].mean()
     width = 1.5 / max(float(np.ptp(t)), 1e-9) * 4
     best = (-1.0, f0, np.zeros(t.size))

@@ -1,9 +1,10 @@
-"""When an effect grows, or fades, within a recording: two amplitudes in place of one, and the time
-between them.
+"""Find when an effect grows, or fades, within a recording: two amplitudes in place of one, and the
+time between them.
 
 With x the effect's contribution and r the residual without it, both projected off everything else
-that is fitted, the amplitude over some samples is <x, r> / <x, x>. An error of the base that an
-effect imitates has amplitudes that scatter from stretch to stretch; what begins, or grows, has two.
+that is fitted, the amplitude over some samples is <x, r> / <x, x>. Where an effect imitates an
+error of the base, its amplitudes scatter from stretch to stretch; an effect that begins, or grows,
+has two.
 """
 
 from dataclasses import dataclass
@@ -13,17 +14,17 @@ import numpy as np
 from dehyst.models.signals.joined import Data, Floats
 
 STRETCHES = 24  # of each recording
-LEAST = 0.08  # of the recording's contribution, on either side of the time
-SCATTER = 0.1  # of the contribution's power, that one amplitude must leave of the stretches',
-TAKEN = 0.7  # of which two must take so much
-LOW = 0.5  # of the larger amplitude, that the smaller one may be
-ABSENT = 0.2  # of it: below, the effect is not there
-PRICE = 25.0  # of noise variances, that the time and the second amplitude must pay
+LEAST = 0.08  # of the recording's contribution, on either side of the time, at least
+SCATTER = 0.1  # of the contribution's power, by which a second amplitude must improve the fit
+TAKEN = 0.7  # of the scatter between stretches, which two amplitudes must remove
+LOW = 0.5  # of the larger amplitude, which the smaller one must stay below
+ABSENT = 0.2  # of it: below, the effect is absent
+PRICE = 25.0  # in noise variances, of the time and the second amplitude
 
 
 @dataclass(frozen=True)
 class Growth:
-    """Amplitudes before and behind a time of a recording."""
+    """Amplitudes before and after a time of a recording."""
 
     recording: str
     at_s: float
@@ -32,7 +33,7 @@ class Growth:
 
     @property
     def says(self) -> str:
-        """In words."""
+        """The change in words."""
         grows = abs(self.behind) > abs(self.before)
         low, high = sorted((abs(self.before), abs(self.behind)))
         place = f"{self.at_s:.3g} s of {self.recording}"
@@ -43,13 +44,13 @@ class Growth:
 
     @property
     def where(self) -> dict[str, float | str]:
-        """The place: from when, or until when, it is there, or larger."""
+        """The place: the time from which, or until which, it is present, or larger."""
         key = "from_s" if abs(self.behind) > abs(self.before) else "until_s"
         return {"recording": self.recording, key: self.at_s}
 
 
 def growth(data: Data, sigma: float, x: Floats, r: Floats) -> Growth | None:
-    """The clearest change of an effect's amplitude within a recording; None where it has one
+    """Return the clearest change of an effect's amplitude within a recording; None where it has one
     amplitude, or many. x (N,): its contribution; r (N,): the residual without it."""
     found = []
     for i, name in enumerate(data.names):
@@ -81,8 +82,8 @@ def growth(data: Data, sigma: float, x: Floats, r: Floats) -> Growth | None:
 
 
 def _scatter(x: Floats, r: Floats, sigma: float) -> float:
-    """Sum of squares by which the amplitudes of stretches differ from one for all, beyond the
-    noise."""
+    """Return the sum of squares by which the amplitudes of stretches differ from a common one,
+    beyond the noise."""
     pieces = [
         (float(a @ a), float(a @ b))
         for a, b in zip(np.array_split(x, STRETCHES), np.array_split(r, STRETCHES), strict=True)

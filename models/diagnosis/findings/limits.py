@@ -1,14 +1,14 @@
 """Exclusion limits: how small an effect these recordings would have shown, for each candidate.
 
-The first guess is the strength whose contribution, with everything else refitted, has a size at
-which the search surely accepts. Then the effect is put into the reading at that strength, and the
-search goes on beside what was found; where the effect is not reported, once more at a larger one. A
-strength that is never reported is no limit. Nor is there one for what a found effect could be taken
-for: the search on other recordings may choose otherwise. Where more than the noise is left of what
-the drive does, an effect of the drive would be weighed against that, and none is excluded, nor
-beside three found effects, where one more may hide them all. What is stated is a little more: a
-stage's effect is not the library's to the last digit. What stays below at every sensible strength
-cannot be seen in these recordings at all, and the limit says so.
+The first guess is the strength whose contribution, with everything else refitted, is large enough
+that the search certainly accepts it. Then the effect is added to the reading at that strength, and
+the search continues from what was found; where the effect is not reported, it is tried once more,
+stronger. A strength that is never reported gives no limit. There is none either for what a found
+effect could be mistaken for: the search on other recordings may choose otherwise. Where more than
+the noise is left of what the drive causes, an effect of the drive would compete with that, and none
+is excluded; nor is any with three or more effects found, which may hide another. The reported limit
+is somewhat larger, because a stage's effect is not exactly the library's. An effect that stays
+below at every sensible strength cannot be seen in these recordings at all, and the limit says so.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -27,22 +27,22 @@ from dehyst.models.signals.joined import Floats
 
 CANNOT = "the drive of these recordings cannot show it"
 TRIES = 2
-STEP = 2.0  # factor of an amplitude, as large as from one probe to the next; of such steps,
-RAISED, STRONGER = 0.5, 0.5  # where it was not found, and from what was found to what is reported
+STEP = 2.0  # factor of an amplitude, about that between probes; number of such steps:
+RAISED, STRONGER = 0.5, 0.5  # after a miss, and from the found to the reported value
 Seen = Callable[[Candidate, Floats], Collection[str]]
 
 
 @dataclass(frozen=True)
 class Guess:
-    """A candidate at a strength: the probe, and its place among the candidate's own; None: its
-    drive cannot show it."""
+    """A candidate at a strength: the probe, and its (fractional) index among the candidate's
+    probes; None: the drive cannot show it."""
 
     candidate: Candidate
     probe: Probe | None
     place: float = 0.0
 
     def limit(self, value: float | None, leaves_out: str = "") -> Limit:
-        """As it is reported. leaves_out: what it does not hold for."""
+        """Return the limit as reported. leaves_out: what it does not hold for."""
         c = self.candidate
         label = f"{c.name} ({c.channel})" if c.channel else leaves_out
         if value is None:
@@ -52,10 +52,10 @@ class Guess:
 
 
 def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limit]:
-    """One limit for each name in the library that was not found, the tightest of its kinds.
+    """Return one limit for each name in the library that was not found, the tightest of its kinds.
 
-    untold: names for which there is none, as they stand in a tie with what was found. seen: names
-    that are found where the reading has so much more (N,) of a candidate's in it.
+    untold: names without a limit, as they are in a near-tie with what was found. seen(candidate,
+    added): names that are found when (N,) `added` of the candidate is added to the reading.
     """
     problem, sigma = found.problem, found.sigma
     look = Screen(problem, found.accepted)
@@ -73,7 +73,7 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
         kinds.setdefault((c.name, c.channel), []).append(c)
 
     def tightest(some: Sequence[Candidate]) -> Limit | None:
-        if problem.few_places and some[0].late:  # one stands for another there
+        if problem.few_places and some[0].late:  # late effects replace each other there
             return Guess(some[0], None).limit(None) if hidden else None
         ring = some[0].ring(some[0].probes(problem.data)[0].theta)
         if problem.one_loop_alone and ring:  # its ring is locked to the loop
@@ -98,8 +98,9 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
 
 
 def _stands_near(c: Candidate, accepted: JointFit) -> bool:
-    """Whether a found effect could take its place, or a part of it: what looks alike, and beside
-    what the drive causes all that resembles a hysteresis of another shape."""
+    """Return whether a found effect could take the candidate's place, or part of it: what looks
+    alike, and, if a found effect is caused by the drive, all that resembles a hysteresis of another
+    shape."""
     return any(
         c.name in e.candidate.confused_with
         or e.candidate.name in c.confused_with
@@ -109,7 +110,8 @@ def _stands_near(c: Candidate, accepted: JointFit) -> bool:
 
 
 def _checked(look: Screen, guess: Guess, seen: Seen) -> float | None:
-    """The strength from which on the candidate is found, once it is put in; None: at none."""
+    """Return the strength from which on the candidate is found once it is added; None if at no
+    strength."""
     c, here = guess.candidate, guess
     for _ in range(TRIES):
         if here.probe is None:
@@ -122,7 +124,8 @@ def _checked(look: Screen, guess: Guess, seen: Seen) -> float | None:
 
 
 def _stronger(look: Screen, guess: Guess, steps: float) -> Guess:
-    """The same so many steps stronger; beyond the strongest probe nothing is left."""
+    """Return the same, stronger by that number of steps; beyond the strongest probe there is
+    none."""
     c, probe = guess.candidate, guess.probe
     if c.mode != "columns":
         return _at(look, c, guess.place + steps)
@@ -135,7 +138,7 @@ def _amplified(probe: Probe, factor: float) -> Probe:
 
 
 def _at(look: Screen, c: Candidate, place: float) -> Guess:
-    """At a place between two of the candidate's probes."""
+    """Return the guess at a fractional index between two of the candidate's probes."""
     probes = c.probes(look.problem.data)
     k = min(int(place), len(probes) - 2)
     if place > len(probes) - 1 or k < 0:
@@ -150,7 +153,7 @@ def _at(look: Screen, c: Candidate, place: float) -> Guess:
 
 
 def _guess(look: Screen, c: Candidate, least: float) -> Guess:
-    """The strength whose contribution beside the fit has the least rms."""
+    """Return the strength whose contribution, with the fit projected out, has an rms of `least`."""
     probes = c.probes(look.problem.data)
     sizes = []
     for probe in probes:

@@ -1,5 +1,5 @@
-"""Which accepted effects are worth telling: those that help on held-out samples, and whose size is
-known to a factor of ten."""
+"""Select the accepted effects that are worth reporting: those that help on held-out samples, and
+whose size is known to a factor of ten."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -18,13 +18,14 @@ from dehyst.models.signals.lines import gain_of_line
 
 
 def worth_reporting(found: SearchState) -> SearchState:
-    """Without the effects that do not help on held-out samples, or may be another's."""
+    """Return the search without the effects that do not help on held-out samples, or may be
+    another's."""
     problem, sigma = found.problem, found.sigma
     final = _without_lines(found)
     first = by_blocks(problem, found.null)
     while final.effects:
         whole = by_blocks(problem, final)
-        # beside a cause a hundred times as large, a second one of some noise rms still counts
+        # next to a cause a hundred times as large, a second one of some noise rms still counts
         of_all = TUNING.trace**2 * max(first - sigma**2, 0.0)
         of_rest = TUNING.minor * max(whole - sigma**2, 0.0)
         losses = []
@@ -44,8 +45,8 @@ def worth_reporting(found: SearchState) -> SearchState:
 
 
 def _without_lines(found: SearchState) -> JointFit:
-    """The fit without modes that may be lines of the surroundings, of which a drive that goes round
-    one loop alone tells not whose they are."""
+    """Return the fit without modes that may be lines of the surroundings: a drive that repeats a
+    single loop does not distinguish the two."""
     problem, final = found.problem, found.accepted
     if not problem.one_loop_alone:
         return final
@@ -61,8 +62,9 @@ def _without_lines(found: SearchState) -> JointFit:
 
 
 def only_reported(found: SearchState) -> SearchState:
-    """Without the effects whose size is not known to a factor of ten: of several that are alike,
-    the one that the others make up for goes first, and may leave another known."""
+    """Return the search without the effects whose size is not known to a factor of ten. Of several
+    similar ones, the one that the others best replace is removed first, which may leave another one
+    known."""
     final, problem = found.accepted, found.problem
     while final.effects:
         values = intervals(problem, final, found.sigma)
@@ -75,7 +77,7 @@ def only_reported(found: SearchState) -> SearchState:
 
 
 def without_kind(found: SearchState, of_kind: Callable[[Candidate], bool]) -> SearchState:
-    """Without the effects of a kind of candidate."""
+    """Return the search without the effects of a kind of candidate."""
     rest = [e for e in found.accepted.effects if not of_kind(e.candidate)]
     if len(rest) == len(found.accepted.effects):
         return found
@@ -89,7 +91,8 @@ def _without(found: SearchState, effects: tuple[Effect, ...], one: Effect) -> Jo
 
 
 def size_is_known(effect: Effect, values: Mapping[str, Value]) -> bool:
-    """Whether what says how large an effect is has an interval of less than a factor of ten."""
+    """Return whether the parameter that gives the effect's size has an interval of less than a
+    factor of ten."""
     parameters = effect.parameters
     if effect.candidate.size_index is not None:
         return is_narrow(values[parameters[effect.candidate.size_index].key])
@@ -101,8 +104,8 @@ def size_is_known(effect: Effect, values: Mapping[str, Value]) -> bool:
 
 
 def unidentified(effect: Effect, values: Mapping[str, Value]) -> list[str]:
-    """Keys whose interval spans more than a factor of ten: they are not reported. A level's may
-    hold 0, of which there is no factor."""
+    """Return the keys whose interval spans more than a factor of ten, which are not reported. A
+    level's interval may include 0, where no factor is defined."""
     levels = {p.key for p in effect.parameters if not p.log}
     return [
         k for k, v in values.items() if not is_narrow(v) and (k not in levels or v.low * v.high > 0)
@@ -110,6 +113,6 @@ def unidentified(effect: Effect, values: Mapping[str, Value]) -> list[str]:
 
 
 def is_narrow(v: Value) -> bool:
-    """Whether an interval spans less than a factor of ten."""
+    """Return whether an interval spans less than a factor of ten."""
     low, high = sorted((abs(v.low), abs(v.high)))
     return bool(v.low * v.high > 0 and high < TUNING.widest * low)

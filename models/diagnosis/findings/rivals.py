@@ -14,8 +14,8 @@ from dehyst.models.physics.candidate import Candidate
 
 @dataclass(frozen=True)
 class RivalEffect:
-    """Another candidate in an effect's place, all else refitted; loss: mean square misfit that it
-    leaves more than the effect."""
+    """Another candidate in an effect's place, all else refitted; loss: increase of the mean square
+    misfit over the effect's."""
 
     key: str
     name: str
@@ -24,7 +24,7 @@ class RivalEffect:
 
 
 def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
-    """Candidates that do as well in the place of an accepted effect, best first."""
+    """Return the candidates that do as well in the place of an accepted effect, best first."""
     final, sigma = found.accepted, found.sigma
     problem = found.problem.light(found.counted)
     final = problem.solve(final.effects, problem.output_of(final))
@@ -37,7 +37,7 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
         TUNING.crumb * gain,
         1.5 * excess(problem, final, sigma),
     )
-    limit = min(limit, TUNING.quarter * gain)  # where much is left, a rival still takes most
+    limit = min(limit, TUNING.quarter * gain)  # where much is left, a rival must still remove most
     taken = {e.candidate.key for e in final.effects}
     seen: dict[str, Effect] = {}
     for trials in found.rounds:
@@ -47,7 +47,7 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
         for t in trials:
             key = t.candidate.key
             same = key in (effect.candidate.key, effect.candidate.refines)
-            as_well = effect.candidate.name in t.candidate.contains  # whatever is true
+            as_well = effect.candidate.name in t.candidate.contains  # whichever is true
             if same or key in taken or key in seen or t.impossible or as_well:
                 continue
             if t.gain / found.counted < 0.6 * gain:
@@ -74,8 +74,8 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
 
 
 def _alike(found: SearchState, effect: Effect) -> list[Candidate]:
-    """Candidates that may be confused with an effect's, of whose names no round tried any form:
-    forms of what promises more may have kept them off its list."""
+    """Return the candidates that may be confused with an effect's and whose names no round tried in
+    any form: forms with a larger estimated gain may have kept them off the shortlist."""
     own = effect.candidate
     names = {t.candidate.name for trials in found.rounds for t in trials}
     names |= {e.candidate.name for e in found.accepted.effects}
@@ -90,7 +90,7 @@ def _alike(found: SearchState, effect: Effect) -> list[Candidate]:
 
 
 def _instead(problem: Problem, fit: JointFit, effect: Effect, gain: float) -> bool:
-    """Whether a rival stands for the effect: beside it, the effect takes no more than a part of
-    what it takes without. gain: fall of the sum of squares by the effect."""
+    """Return whether a rival replaces the effect: added to the rival, the effect removes only a
+    fraction of what it removes alone. gain: fall of the sum of squares by the effect."""
     both = problem.solve([*fit.effects, effect], problem.output_of(fit))
     return fit.sse - both.sse < TUNING.half * gain

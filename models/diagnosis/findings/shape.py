@@ -1,12 +1,12 @@
 """Shape: what a hysteresis of any shape explains of the misfit of the model in use.
 
 The rich base, fitted jointly with the effects, corrects the model's hysteresis. Where it predicts
-held-out samples better than other numbers in the model's own class would, the loop is not the
-model's. What the correction looks like is measured by what explains it: a function of the
-displacement alone (centre line: a sensor or a stage that is not linear), one that differs between
-the branches (asymmetry of the ceramic), a memory of the displacement of a fixed length (presliding
-friction), or none of these (another class of hysteresis). One stage's recordings tell the look, not
-the cause: each stands for what else makes the same.
+held-out samples better than other parameter values in the model's own class would, the loop differs
+from the model's. The form of the correction is classified by what explains it: a function of the
+displacement alone (centre line: a nonlinear sensor or stage), one that differs between the branches
+(asymmetry of the ceramic), a memory of the displacement of a fixed length (presliding friction), or
+none of these (another class of hysteresis). One stage's recordings show the form, not the cause:
+each form covers all causes that produce it.
 """
 
 from dataclasses import dataclass, replace
@@ -27,11 +27,11 @@ from dehyst.models.signals.filters import dahl
 from dehyst.models.signals.joined import Floats
 
 DEGREE = 5  # of functions of the displacement
-LENGTHS = np.array([0.003, 0.006, 0.012, 0.025, 0.05])  # of presliding, of the stroke
-MOSTLY = 0.6  # of the correction's power, that one look must explain to be reported
-MORE = 0.15  # that a richer look must explain beyond a plainer one
+LENGTHS = np.array([0.003, 0.006, 0.012, 0.025, 0.05])  # of presliding, relative to the stroke
+MOSTLY = 0.6  # of the correction's power, which one form must explain to be reported
+MORE = 0.15  # that a richer form must explain beyond a plainer one
 ROWS = 20_000
-SHOWN = 0.15  # of a cause's rms, that the base must leave for it to be distinguished from a shape
+SHOWN = 0.15  # of a cause's rms, which the base must leave to distinguish it from a shape
 
 LOOKS = {
     "centre": "it is a function of the displacement alone, the same on both branches: a nonlinear "
@@ -48,8 +48,9 @@ LOOKS = {
 @dataclass(frozen=True)
 class Correction:
     """gain: mean square that the base removes of held-out samples, beyond what the effects do and,
-    for a model that was identified here beside effects that distort it, beyond other numbers in its
-    class; numbers: mean square that these leave; rms: of the correction."""
+    for a model that was identified here together with effects that distort it, beyond other
+    parameter values in its class; numbers: mean square that those values leave; rms: of the
+    correction."""
 
     gain: float
     numbers: float
@@ -70,20 +71,20 @@ NOT_WRITTEN = (
 
 
 def not_contained(finding: Finding) -> Finding:
-    """The finding where the augmented model is written without the shape."""
+    """Return the finding for an augmented model that is written without the shape."""
     return replace(finding, says=finding.says.replace(CONTAINED, NOT_CONTAINED))
 
 
 def not_written(finding: Finding) -> Finding:
-    """The finding of an effect that the written model does not contain."""
+    """Return the finding for an effect that the written model does not contain."""
     return replace(finding, says=f"{finding.says} {NOT_WRITTEN}")
 
 
 def measure_correction(
     problem: Problem, final: JointFit, bare_square: float, held_square: float
 ) -> Correction:
-    """What the base does for the model in use. bare_square, held_square: mean square that the
-    model alone leaves, and the final fit on held-out samples."""
+    """Measure what the base improves on the model in use. bare_square, held_square: mean square
+    that the model alone leaves, and that the final fit leaves of held-out samples."""
     data = problem.data
     own = numbers_base(data, problem.subject.model.hysteresis)
     numbers = Problem(data, own, problem.subject)
@@ -94,14 +95,14 @@ def measure_correction(
         alone = Problem(data, no_base(data), problem.subject)
         before = alone.solve(final.effects, problem.output_of(final)).sse / int(data.rows.sum())
     elif not final.effects:
-        before = bare_square  # without effects all that the base explains is a matter of shape
+        before = bare_square  # without effects, all that the base explains is shape
     added = _correction(problem, final)[data.rows]
     return Correction(before - held_square, left, float(np.std(added)))
 
 
 def absorbed_names(problem: Problem, final: JointFit, size: float) -> tuple[str, ...]:
-    """Names of causes driven by the drive that the base takes nearly whole, at an rms of about
-    `size`: with this drive they cannot be distinguished from a loop of another shape."""
+    """Return names of causes driven by the drive that the base absorbs almost entirely, at an rms
+    of about `size`: with this drive they cannot be distinguished from a loop of another shape."""
     look = Screen(problem, final)
     best: dict[str, float] = {}
     taken = {e.candidate.key for e in final.effects}
@@ -122,7 +123,7 @@ def absorbed_names(problem: Problem, final: JointFit, size: float) -> tuple[str,
 def shape_finding(
     problem: Problem, final: JointFit, sigma: float, correction: Correction, share: float
 ) -> Finding:
-    """The finding with its look."""
+    """Return the finding for the shape, with the form of its correction."""
     data = problem.data
     d = _correction(problem, final)
     parts = _looks(problem, final, d)
@@ -172,8 +173,9 @@ def shape_finding(
 
 
 def _correction(problem: Problem, final: JointFit) -> Floats:
-    """(N,) what the base adds to the model that carries it; else what it makes that no other
-    numbers in the model's class do. Without its mean over the counted rows."""
+    """Return (N,) what the base adds to the model that carries it; else the part of it that no
+    other parameter values in the model's class produce. Its mean over the counted rows is
+    removed."""
     data = problem.data
     d = final.added
     if not problem.subject.carries:
@@ -190,7 +192,8 @@ def _correction(problem: Problem, final: JointFit) -> Floats:
 
 
 def _looks(problem: Problem, final: JointFit, d: Floats) -> dict[str, float]:
-    """Part of the correction's power that each look explains, each with the plainer ones' terms."""
+    """Return the share of the correction's power that each form explains, each including the
+    plainer ones' terms."""
     data = problem.data
     y = problem.output_of(final)
     rows = problem.row_index[:: max(1, problem.row_index.size // ROWS)]
@@ -214,7 +217,7 @@ def _looks(problem: Problem, final: JointFit, d: Floats) -> dict[str, float]:
 
 
 def _choose(parts: dict[str, float]) -> str:
-    """The plainest look that explains most of it."""
+    """Return the plainest form that explains most of it."""
     best = "class"
     if parts["branches"] > MOSTLY:
         best = "branches"

@@ -1,4 +1,4 @@
-"""What helps against the model in use, on held-out samples."""
+"""Decide what improves on the model in use, on held-out samples."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -18,8 +18,8 @@ from dehyst.models.diagnosis.tuning import TUNING
 
 @dataclass(frozen=True)
 class Conclusion:
-    """What is concluded: findings with shares, what was fitted, and mean squares on held-out
-    samples (all of the model in use: it was not fitted here)."""
+    """The conclusion: findings with shares, the fit, and mean squares on held-out samples (bare: of
+    the model in use, on all samples, because it was not fitted here)."""
 
     findings: tuple[Finding, ...]
     problem: Problem
@@ -31,9 +31,9 @@ class Conclusion:
 def conclude(
     bare: Problem, found: SearchState, shown: Collection[str], episode: Episode | None = None
 ) -> Conclusion:
-    """What helps against the model in use, on held-out samples. Where it all does not: what a
-    recording shows directly (shown: keys), and the model in use as it is. episode: what was taken
-    off before the search."""
+    """Decide what improves on the model in use, on held-out samples. Where nothing does, the
+    findings are those that a recording shows directly (shown: their keys), and the model in use
+    stays as it is. episode: what was subtracted before the search."""
     sigma = found.sigma
     n = int(bare.data.rows.sum())
     first = bare.solve([]).sse / n
@@ -42,8 +42,8 @@ def conclude(
     without = alone.sse / n
     held = by_blocks(found.problem, found.accepted)
     if found.accepted.effects and held > without - (TUNING.trace * sigma) ** 2:
-        # the base learns more of what it does not know than it explains: the model in use stands
-        # alone under the effects
+        # the base overfits more than it explains: the effects are fitted to the model in use
+        # without the base
         over_it = freed.refit(found.accepted.effects, start=alone)
         found = replace(found, problem=freed, null=alone, accepted=over_it)
         held = by_blocks(found.problem, found.accepted)
@@ -63,7 +63,7 @@ def conclude(
     rest = without - held - sum(f.share for f in findings)
     if rest > TUNING.most * (without - held) and correction.rms**2 > 0.25 * rest:
         # the effects are a small part of what is explained: the rest is the base's, as far as its
-        # correction is of that size; without the effects it would have stood for them
+        # correction is that large; without the effects it would have absorbed them
         correction = replace(correction, gain=max(correction.gain, rest))
     least = max((TUNING.clear * sigma) ** 2, TUNING.crumb * (without - sigma**2))
     shape = bool(found.problem.base.width) and correction.gain > least
@@ -87,7 +87,7 @@ def _shared(
 def with_episode(
     findings: Sequence[Finding], episode: Episode, weighed: Conclusion, sigma: float
 ) -> tuple[Finding, ...]:
-    """Findings with one that is there for a part of the time."""
+    """Return the findings with one that is present for part of the time."""
     explainable = max(weighed.bare - sigma**2, 1e-300)
     taken = sum(f.share for f in findings)
     share = min(episode.finding.share / explainable, 1.0 - taken)
@@ -95,8 +95,8 @@ def with_episode(
 
 
 def _without_echoes(findings: Sequence[Finding]) -> list[Finding]:
-    """Findings without the small ones that could as well be a larger one: that is what its own form
-    leaves of it."""
+    """Return the findings without small ones that could as well be a larger one: such a finding is
+    what the library's form of the larger one leaves."""
     return [
         f
         for f in findings
