@@ -1,1 +1,1 @@
-"""The mismatch watch: does the stage still behave as its model?"""
+"""The mismatch monitor: does the stage still behave as its model predicts?"""

@@ -1,7 +1,7 @@
-"""Does the gauge itself fail? Looked at before anything is said of the stage.
+"""Check whether the gauge itself fails, before anything is concluded about the stage.
 
-A recording whose readings stand still, are missing, jump or lie where the stage cannot be says
-nothing of the stage's physics, and no model is to be made of it.
+A recording whose readings are stuck, missing, jump or are outside the stage's reach gives no
+information on the stage's physics, and no model may be identified from it.
 """
 
 from typing import NamedTuple
@@ -15,30 +15,30 @@ from dehyst.models.recording import Recording
 
 
 class GaugeTuning(NamedTuple):
-    """Judged by tests/benchmarks/daemon/second_act.py: no effect of a stage is taken for a fault
-    of its gauge."""
+    """Judged by tests/benchmarks/daemon/second_act.py: no effect of a stage may be mistaken for a
+    fault of its gauge."""
 
     missing: float = 0.2  # share of the rows without a reading
     same: float = 0.5  # share of the rows whose reading is that of the row before
-    moved: float = 0.02  # share of its range that the drive must move meanwhile
-    beyond: float = 0.5  # of the reach, so far outside it
+    moved: float = 0.02  # share of its range that the drive must move in the meantime
+    beyond: float = 0.5  # of the reach: distance outside it
     beyond_rows: float = 0.02
     jump: float = 0.2  # of the reach, from row to row and back
     jumps: int = 3
     noisier: float = 3.0  # times the noise that the model states
-    white: float = 0.15  # correlation of what is left with itself, at the first lags
+    white: float = 0.15  # autocorrelation of the residual, at the first lags
     lags: int = 10
-    same_error: float = 1.5  # times what the model left of the good recording: as good as then
-    zero: float = 3.0  # the same for a zero that has moved
-    line: float = 2.0  # times what is left without it: the error that is a straight line in time
+    same_error: float = 1.5  # times the error on the good recording: still as good
+    zero: float = 3.0  # times that error: the zero has moved
+    line: float = 2.0  # times the rest of the error: error that is a straight line in time
 
 
 GAUGE = GaugeTuning()
 
 
 def find_gauge_fault(recording: Recording, model: Model, reach: tuple[float, float]) -> str:
-    """What fails, in words; "": the readings are those of a gauge. reach: least and largest
-    displacement of the model."""
+    """Return the gauge's fault in words; "" where the readings are those of a working gauge. reach:
+    least and largest displacement of the model."""
     y, missing = recording.displacement, recording.missing_displacement
     if y is None or not y.size:
         return "the gauge gives no reading"
@@ -72,7 +72,8 @@ def find_gauge_fault(recording: Recording, model: Model, reach: tuple[float, flo
 
 
 def _find_noise(recording: Recording, model: Model) -> str:
-    """A reading that is noisier than it was: what the model leaves is white, and much more."""
+    """Return the fault of a reading that is noisier than it was: its residual is white and much
+    larger."""
     stated = model.fit.noise_rms
     if not stated:
         return ""
@@ -90,8 +91,8 @@ def _find_noise(recording: Recording, model: Model) -> str:
 
 
 def find_moved_zero(recording: Recording, model: Model, good: Recording | None) -> str:
-    """Whether the zero alone has moved or moves on, in words; "": it has not, or not alone. good:
-    the last good recording."""
+    """Return, in words, whether the zero alone has moved or drifts; "" where it has not, or not
+    alone. good: the last good recording."""
     if good is None:
         return ""
     try:

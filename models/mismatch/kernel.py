@@ -1,6 +1,6 @@
 """The monitor's arithmetic, sample by sample: baseline filter, noise floors, sums of one second.
 
-See dehyst.models.mismatch.monitor for what it means. x: drive, p: predicted displacement, both as
+See dehyst.models.mismatch.monitor for the meaning. x: drive, p: predicted displacement, both as
 shares of their range; e: residual in units of the model's noise.
 """
 
@@ -18,11 +18,11 @@ from dehyst.models.model import Floats
 
 PLAYS = np.array([0.005, 0.01, 0.02, 0.035, 0.055, 0.08, 0.11, 0.15, 0.2, 0.26, 0.33, 0.42])
 TAUS_S = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0])
-SQUARE_TAUS_S = np.array([0.03, 0.3, 3.0, 30.0, 300.0])  # the same for p^2 and for the drive
+SQUARE_TAUS_S = np.array([0.03, 0.3, 3.0, 30.0, 300.0])  # for p^2 and for the drive
 N_LOW = TAUS_S.size + 2 * SQUARE_TAUS_S.size
 N_FEATURES = 4 + TUNING.steps + TUNING.slopes + 2 * PLAYS.size + N_LOW
 
-# Classes of motion: speed [ranges / s] and change of speed [ranges / s^2], each held for a moment.
+# Classes of motion: speed [ranges / s] and change of speed [ranges / s^2], each held briefly.
 SPEEDS = np.array([0.003, 0.03, *np.geomspace(0.1, 12.8, 15)])
 JERKS = np.array([4.0, 40.0, 120.0, 400.0, 1200.0])
 N_CLASSES = (SPEEDS.size + 1) * (JERKS.size + 1)
@@ -61,8 +61,8 @@ NOW = _record(
     "raw_lowest",
     "raw_highest",
 )
-# Sums of one second; w: their weights, c: the creep direction; n_raw: samples of raw and raw2,
-# which begin anew (raw_anew) where the drive goes where it has not been.
+# Sums of one second. w: their weights; c: the creep direction; n_raw: samples of raw and raw2,
+# which restart (raw_anew) where the drive goes beyond its earlier range.
 SUMS = _record(
     "w",
     "p",
@@ -86,7 +86,7 @@ SUMS = _record(
 
 
 class Plant(NamedTuple):
-    """What stays. scale: (drive low, range, predicted low, range, noise); r, b, k, c, offset: the
+    """Constants. scale: (drive low, range, predicted low, range, noise); r, b, k, c, offset: the
     model's hysteresis, without thresholds where it has no rate terms; every, lag: samples of the
     filter and of the short differences; dt: [s]; misfit2: the model's own, in noises squared."""
 
@@ -103,10 +103,10 @@ class Plant(NamedTuple):
 
 
 class MonitorState(NamedTuple):
-    """What the samples change. w, cov: baseline and its covariance; plays: the model's operators;
-    z, low, steps: operators, low passes and newest steps behind the features; floors, weights:
-    (3, N_CLASSES) mean squares and how long they were learned; past: residuals for the short
-    differences; now: (1,) of NOW; sums: (1,) of SUMS; phi, gain: scratch."""
+    """State that the samples change. w, cov: baseline and its covariance; plays: the model's
+    operators; z, low, steps: operators, low passes and newest steps of the features; floors,
+    weights: (3, N_CLASSES) mean squares and how long they were learned; past: residuals for the
+    short differences; now: (1,) of NOW; sums: (1,) of SUMS; phi, gain: scratch."""
 
     w: Floats
     cov: Floats
@@ -125,7 +125,8 @@ class MonitorState(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _expect(state: MonitorState, row: int, at: int, misfit2: float) -> float:
-    """Expected mean square in a class of motion; until it is known, the model's own figure."""
+    """Return the expected mean square in a class of motion; until it is known, the model's own
+    figure."""
     known = state.weights[row, at]
     trust_s = TUNING.trust_s
     return max((state.floors[row, at] * known + trust_s * misfit2) / (known + trust_s), 0.7)
@@ -133,7 +134,7 @@ def _expect(state: MonitorState, row: int, at: int, misfit2: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _learn(state: MonitorState, row: int, at: int, square: float, dt: float) -> None:
-    """Follow the mean square of a class; lone large values count little."""
+    """Update the mean square of a class; single large values count little."""
     learn, memory_s = state.now[0].learn, state.now[0].memory_s
     floors, weights = state.floors, state.weights
     weights[row, at] = min(weights[row, at] + learn * dt, memory_s)
@@ -143,7 +144,7 @@ def _learn(state: MonitorState, row: int, at: int, square: float, dt: float) -> 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _multiply(a: Floats, b: Floats) -> float:
-    """Inner product, in any order."""
+    """Return the inner product, summed in any order."""
     s = 0.0
     for j in range(a.size):
         s += a[j] * b[j]
@@ -152,7 +153,8 @@ def _multiply(a: Floats, b: Floats) -> float:
 
 @njit(cache=True, nogil=True)
 def _split_rate_part(plant: Plant, h: Floats, drive: float, rate: float) -> float:
-    """How much of the model's displacement comes from its rate terms; h is advanced in place."""
+    """Return the part of the model's displacement that comes from its rate terms; h is advanced in
+    place."""
     play_step(plant.r, h, drive - plant.offset)
     still = _multiply(plant.b, h)
     moving = polynomial(plant.c, still + rate * _multiply(plant.k, h))
@@ -161,7 +163,7 @@ def _split_rate_part(plant: Plant, h: Floats, drive: float, rate: float) -> floa
 
 @njit(cache=True, nogil=True)
 def _fill_features(state: MonitorState, x: float, p: float, rate: float, dt: float) -> float:
-    """Fill phi; returns the creep direction."""
+    """Fill phi and return the creep direction."""
     phi, steps, z, low, now = state.phi, state.steps, state.z, state.low, state.now[0]
     phi[0], phi[1], phi[2], phi[3] = 1.0, p - 0.5, 2.0 * (p - 0.5) ** 2, rate
     for j in range(TUNING.steps - 1, 0, -1):
@@ -196,7 +198,7 @@ def _fill_features(state: MonitorState, x: float, p: float, rate: float, dt: flo
 
 @njit(cache=True, nogil=True)
 def _correct(state: MonitorState, e: float, base: float, v: float, dt: float) -> None:
-    """Take one residual (already without the baseline) into the weights."""
+    """Update the weights with one residual (already without the baseline)."""
     w, cov, gain, learn = state.w, state.cov, state.gain, state.now[0].learn
     g = learn * min(1.0, 3.0 / math.sqrt(max(e * e / (base + v), 1e-12)))
     bound = base * max(1.0, TUNING.together_s / dt) + v
@@ -205,7 +207,7 @@ def _correct(state: MonitorState, e: float, base: float, v: float, dt: float) ->
         w[i] += share * e
         for j in range(w.size):
             cov[i, j] -= share * gain[j]
-    # a random walk of this size is followed with a time constant of zero_s
+    # a random walk of this size is tracked with a time constant of zero_s
     cov[0, 0] += learn * dt * max(dt, TUNING.together_s) / (TUNING.zero_s * TUNING.zero_s)
 
 
@@ -213,7 +215,7 @@ def _correct(state: MonitorState, e: float, base: float, v: float, dt: float) ->
 def _take_mean(
     plant: Plant, state: MonitorState, x: float, p: float, rate: float, e: float
 ) -> None:
-    """One sample of the slow part: means over `every` samples."""
+    """Process one sample of the slow part: means over `every` samples."""
     now, s, phi = state.now[0], state.sums[0], state.phi
     dt, at = plant.dt * plant.every, int(now.motion_class)
     creep = _fill_features(state, x, p, rate, dt)
@@ -255,13 +257,13 @@ def _take_mean(
         _learn(state, RINGING, at, ringing, dt)
         _learn(state, WHOLE, at, e * e, dt)
         _correct(state, e, base, v, dt)
-    else:  # a zero that has moved is reported, and then taken for the zero
+    else:  # a zero that has moved is reported, and then becomes the new zero
         state.w[0] += dt / TUNING.zero_s * e
 
 
 @njit(cache=True, nogil=True)
 def _begin(state: MonitorState, x: float, p: float) -> None:
-    """The first sample: all low passes settled."""
+    """Initialise with the first sample: all low passes settled."""
     now, low = state.now[0], state.low
     now.filled = 1.0
     now.p_before, now.x_before, now.x_mean = p, x, x
@@ -273,7 +275,7 @@ def _begin(state: MonitorState, x: float, p: float) -> None:
 
 @njit(cache=True, nogil=True)
 def _take_short(plant: Plant, state: MonitorState, e: float, at: int) -> None:
-    """The difference to the residual `lag` samples before; e: without the rate part."""
+    """Process the difference from the residual `lag` samples before; e: without the rate part."""
     now, sums, past = state.now[0], state.sums[0], state.past
     place = int(now.count) % past.size
     before = past[(place - plant.lag) % past.size]
@@ -290,7 +292,8 @@ def _take_short(plant: Plant, state: MonitorState, e: float, at: int) -> None:
 def watch_sample(
     plant: Plant, state: MonitorState, drive: Floats, predicted: Floats, measured: Floats
 ) -> int:
-    """Samples until the sums of one second are complete, or the batch ends; how many were taken.
+    """Process samples until the sums of one second are complete, or the batch ends; return how many
+    were taken.
 
     measured: NaN where there is no fresh reading. The second is complete when second_s >= 1.
     """

@@ -1,40 +1,40 @@
-"""The mismatch monitor: does the stage still behave as its model? Drives and readings in, health
-out.
+"""The mismatch monitor: does the stage still behave as its model predicts? Takes drives and
+readings, returns health.
 
-A model never fits quite: creep that it does not have, hysteresis between its thresholds, a bridge
-that warms up. That part of the misfit repeats itself, and the monitor learns it while it looks: the
+No model fits exactly: it lacks creep, has no hysteresis between its thresholds, ignores a bridge
+that warms up. That part of the misfit repeats itself, and the monitor learns it online: the
 residual (measured - predicted) is explained by a linear baseline
 
     e_k = w' phi_k + noise
     phi = (1, p, p^2, the part of p that comes from the model's own rate terms,
            newest steps of x, p times them, x - play_r(x), p (x - play_r(x)),
-           and what is left of p, p^2 and x when lowpass_tau is taken off)
+           and p, p^2 and x each less its low pass with time constant tau)
 
-with x the drive and p the predicted displacement, both as shares of their range. The weights w
-are followed by a Kalman filter that forgets slowly (West & Harrison, Bayesian Forecasting and
-Dynamic Models, ch. 4). What is left over is judged over the last window_s, in units of the noise
-that the model states, against floors that are learned for each class of motion:
+with x the drive and p the predicted displacement, both as shares of their range. The weights w are
+tracked by a Kalman filter that forgets slowly (West & Harrison, Bayesian Forecasting and Dynamic
+Models, ch. 4). The remainder is judged over the last window_s, in units of the noise that the model
+states, against noise floors that are learned for each class of motion:
 
-    gain      power along the displacement and along what creep makes of it
+    gain      power along the displacement and along its creep response
     offset    square of the mean: drift, a shifted zero
     whole     all power but the mean's
-    all       and with the mean's
+    all       all power, including the mean's
     ringing   power of what changes within smooth_s: resonance, hum
     short     power of differences over half a millisecond: noise, fast ringing
-    fit       power of the residual itself, without baseline, over what the model states; since the
-              drive was last where it had never been: what the stage remembers of before the watch
-              began is not known, and is forgotten on such ways
+    fit       power of the residual itself, without baseline, relative to the model's stated misfit,
+              since the drive last went beyond its earlier range: what the stage remembers from
+              before the monitor started is not known, and such moves erase it
 
-For learn_s of motion (seconds in which the stage moves, or has just moved) it only learns; but for
-a `fit` far out, nothing is reported. From then on each figure has a threshold: what it exceeds
-once in return_blocks blocks of block_s, from a Gumbel distribution through the quartiles of the
-blocks' largest values in order (Coles, An Introduction to Statistical Modeling of Extreme Values,
-ch. 3), and no less than margin times the largest of all, nor than what is of interest; more while
-few blocks were seen. health is the largest figure over its threshold: below 1 in order, above 1
-`mismatch`, until all are below clear again; below 0 while it still learns. No threshold learns
-while it is raised, and after the first early_s of motion the baseline does not either, but for its
-zero. Where the drive has never been before, the zero may shift. Pure: no clock, no files.
-The constants are in tuning.py.
+During the first learn_s of motion (seconds in which the stage moves, or has just moved) it only
+learns and reports nothing but a very large `fit`. From then on each figure has a threshold: the
+value exceeded once in return_blocks blocks of block_s, from a Gumbel distribution through the
+quartiles of the largest values of the blocks without mismatch (Coles, An Introduction to
+Statistical Modeling of Extreme Values, ch. 3), and at least margin times the largest of all and at
+least the figure's least threshold; it is higher while few blocks were seen. health is the largest
+ratio of a figure to its threshold: below 1 in order, above 1 `mismatch`, until all are below clear
+again; negative while still learning. No threshold learns during a mismatch, and after the first
+early_s of motion the baseline does not either, except for its zero. Where the drive goes beyond its
+earlier range, the zero may shift. Pure: no clock, no files. The constants are in tuning.py.
 """
 
 import math
@@ -51,7 +51,8 @@ from dehyst.models.recording import Bools
 
 
 class _Level:
-    """Threshold of one figure: what it hardly ever exceeds while the stage is in order."""
+    """Threshold of one figure: the value that it hardly ever exceeds while the stage is in
+    order."""
 
     def __init__(self, least: float, block_s: int) -> None:
         self.least, self.threshold, self._block_s = least, math.inf, block_s
@@ -60,7 +61,7 @@ class _Level:
         self._waiting: deque[float] = deque()
 
     def see(self, figure: float) -> None:
-        """One second's figure in order; it counts when it is old enough."""
+        """Add one second's figure, recorded in order; it counts once it is old enough."""
         self._waiting.append(figure)
         if len(self._waiting) <= TUNING.delay_s:
             return
@@ -72,7 +73,7 @@ class _Level:
 
     def _learn(self) -> None:
         found = np.array(self._largest)
-        if found.size < TUNING.blocks:  # the first were seen while the baseline was still found
+        if found.size < TUNING.blocks:  # the first were seen before the baseline converged
             found = found[found.size // 3 :]
         low, middle, high = np.quantile(found, (0.25, 0.5, 0.75))
         scale = max(high - low, TUNING.least_spread * middle) / QUARTILES
@@ -81,16 +82,16 @@ class _Level:
         self.threshold = enough * (1.0 + TUNING.few / found.size)
 
     def forget_newest(self) -> None:
-        """What waits was perhaps not in order."""
+        """Discard the waiting figures, which may not have been in order."""
         self._waiting.clear()
 
 
 class MismatchMonitor:
-    """Watches one stage against one model.
+    """Monitors one stage against one model.
 
-    model: what the loop runs; period_s: the loop's period; learn_s: seconds of motion before the
-    first flag, with which the other times of learning go. Units are the model's.
-    figures, thresholds: by name, of the newest second.
+    model: the one that the loop runs; period_s: the loop's period; learn_s: seconds of motion
+    before the first flag; the other learning times scale with it. Units are the model's. figures,
+    thresholds: by name, of the newest second.
     """
 
     def __init__(self, model: Model, period_s: float, learn_s: float = TUNING.learn_s) -> None:
@@ -108,8 +109,8 @@ class MismatchMonitor:
         misfit = max(fit.holdout_rms or 0.0, fit.rms or 0.0, 2.0 * self.noise) / self.noise
         lag = max(1, round(1.0 / (period_s * TUNING.fast_hz)))
         prior = np.full(kernel.N_FEATURES, TUNING.prior * misfit**2)
-        prior[0] = (0.05 * stroke / self.noise) ** 2  # where the sensor's zero lies is free
-        prior[3] = 1.0  # the model's rate terms: right, or not there
+        prior[0] = (0.05 * stroke / self.noise) ** 2  # the sensor's zero is free
+        prior[3] = 1.0  # the model's rate terms: correct, or absent
         h = model.hysteresis
         used = slice(0, 0 if h.static else h.n)
         self._plant = kernel.Plant(
@@ -158,12 +159,14 @@ class MismatchMonitor:
         good: Bools,
         correction: Floats | float = 0.0,
     ) -> bool:
-        """A batch of samples: (n,) drive in force at each reading [drive unit], what the model
-        expected of the reading, the reading, where that is a fresh valid one, and what was added
-        to the target because of the gauge. True when a second was completed and judged.
+        """Process a batch of samples: (n,) drive in force at each reading [drive unit], predicted
+        reading, the reading, whether it is fresh and valid, and what was added to the target
+        because of the gauge. Return True when a second was completed and judged.
 
-        A correction makes the drive follow the very residual that is judged; so that the baseline
-        does not take the one for the cause of the other, it is taken off drive and displacement."""
+        A correction makes the drive follow the very residual that is judged. So that the baseline
+        does not take one for the cause of the other, the correction is subtracted from drive and
+        displacement.
+        """
         _, span, _, stroke, _ = self._plant.scale
         drive = np.ascontiguousarray(drive - correction * (span / stroke), np.float64)
         predicted = np.ascontiguousarray(predicted - correction, np.float64)
@@ -179,29 +182,30 @@ class MismatchMonitor:
 
     @property
     def learning(self) -> float:
-        """Share of the first motion that is still to be seen; 0: it has learned enough."""
+        """Share of the first motion still to be seen; 0: it has learned enough."""
         return max(0.0, 1.0 - self.motion_s / self._learn_s)
 
     @property
     def health(self) -> float:
-        """Largest figure over its threshold: below 1 in order. Below 0: still learning, and minus
-        the share of the learning that is left."""
+        """Largest ratio of a figure to its threshold: below 1 in order. Below 0: still learning,
+        and minus the remaining share of the learning."""
         return -self.learning if self.learning and not self.mismatch else self._worst()
 
     @property
     def thresholds(self) -> dict[str, float]:
-        """The figures' thresholds now."""
+        """Current thresholds of the figures."""
         now = {name: level.threshold for name, level in self._levels.items()}
         return {**(dict.fromkeys(now, math.inf) if self.learning else now), "fit": TUNING.fit}
 
     @property
     def cause(self) -> str:
-        """The figure that is largest over its threshold."""
+        """The figure with the largest ratio to its threshold."""
         limits = self.thresholds
         return max(limits, key=lambda name: self.figures[name] / limits[name])
 
     def _worst(self) -> float:
-        """The long window's, or the newest seconds', which are judged by wider thresholds."""
+        """Return the largest ratio of the long window, or of the newest seconds, which have wider
+        thresholds."""
         return max(self._compare(self.figures), self._compare(self._newest) / TUNING.sudden)
 
     def _compare(self, figures: dict[str, float]) -> float:
@@ -209,7 +213,7 @@ class MismatchMonitor:
 
     @property
     def stuck_s(self) -> float:
-        """Seconds for which the reading has been the same to the last digit although the model
+        """Seconds for which the reading has been identical to the last digit although the model
         moved; 0: it is not stuck."""
         now = self._state.now[0]
         moved = (now["still_high"] - now["still_low"]) * self._plant.scale[3]
@@ -249,7 +253,8 @@ class MismatchMonitor:
 
 
 def compile_monitor() -> None:
-    """Compile what a monitor runs, or load it, before it is needed: four samples of no meaning."""
+    """Compile what a monitor runs, or load it from the cache, before it is needed, with four dummy
+    samples."""
     plays = Hysteresis(np.array([0.0, 1.0]), np.array([1.0, 0.1]), np.array([0.0, 1.0]))
     model = Model(plays, Validity(0.0, 10.0))
     nothing = np.zeros(4)
@@ -257,13 +262,13 @@ def compile_monitor() -> None:
 
 
 def _measure_motion(s: Any) -> float:
-    """Standard deviation of the displacement in the sums of a second [ranges]."""
+    """Return the standard deviation of the displacement from the sums of a second [ranges]."""
     weight = max(s["w"], 1e-12)
     return math.sqrt(max(0.0, s["pp"] / weight - (s["p"] / weight) ** 2))
 
 
 def _compute_figures(sums: list[Floats], misfit2: float) -> dict[str, float]:
-    """Figures of the sums of some seconds."""
+    """Return the figures from the sums of some seconds."""
     s = np.sum(sums, axis=0).view(kernel.SUMS)[0]
     if s["n"] < 1.0:
         return dict.fromkeys((*LEAST, "fit"), 0.0)
@@ -286,7 +291,7 @@ def _compute_figures(sums: list[Floats], misfit2: float) -> dict[str, float]:
 
 
 def _measure_fit(sums: list[Floats]) -> float:
-    """Variance of the residual since it was last summed anew [noises squared]."""
+    """Return the variance of the residual since its sums were last reset [noises squared]."""
     anew = [k for k, one in enumerate(sums) if one.view(kernel.SUMS)[0]["raw_anew"]]
     s = np.sum(sums[anew[-1] if anew else 0 :], axis=0).view(kernel.SUMS)[0]
     count = max(s["n_raw"], 1.0)

@@ -1,23 +1,23 @@
 """A model on trial: does the error fall once the loop runs it?
 
-Two figures over so many seconds of motion: the model's own error (measured minus predicted,
-without its mean: a zero that has moved is no error of the model) and the tracking error (measured
-minus target).
+Two figures are measured over a given time of motion: the model's own error (measured minus
+predicted, without its mean: a zero that has moved is no error of the model) and the tracking error
+(measured minus target).
 
-The model's own error needs no particular motion: it follows the voltage that was really written,
-whatever made it (set-points, steps, a trajectory, with or without preview). What it is compared
-with is what the model before leaves of the same samples, so that a stage that is moved by less, or
-in another way, than when the offer was tested is judged alike. It has to come down by half of what
-its replay promised, in power above the noise. Where the model before leaves so little of this
-motion that the promise would not be seen, nothing is decided yet.
+The model's own error needs no particular motion: it follows from the voltage that was really
+written, whatever produced it (set-points, steps, a trajectory, with or without preview). It is
+compared with the previous model's error on the same samples, so that a stage that moves less than,
+or otherwise than, when the offer was tested is judged by the same standard. It has to fall by half
+of what its replay promised, in power above the noise. Where the previous model's error on this
+motion is so small that the promised improvement would not be visible, nothing is decided yet.
 
 The tracking error depends on the motion as well as on the model. It counts where the targets move
-as they did before the switch: it must not have grown, and must have fallen where it was the
-model's, unless the inverse had to do without its preview.
+as they did before the switch: it must not have grown, and must have fallen if the model caused it,
+unless the inverse had to run without its preview.
 
-A first window that speaks against the model is judged once more: the state in which it begins is
-led along a bounded past, and what is older (creep, a turning point) shows as an error that passes.
-Pure: no clock.
+If the first window is evidence against the model, a second one is judged: the initial state is
+computed from a bounded past, and older influences (creep, a turning point) appear as an error that
+decays. Pure: no clock.
 """
 
 import math
@@ -33,32 +33,32 @@ from dehyst.models.recording import Bools
 class TrialTuning(NamedTuple):
     """Judged by tests/benchmarks/daemon/second_act.py and trials.py."""
 
-    settle_s: float = 2.0  # after the switch: the glide, and what the trim finds anew
-    promised: float = 0.5  # of what the replay has removed, in rms
-    seen_noises: float = 2.0  # what the model before leaves, at the least, to be compared with;
-    seen_share: float = 0.7  # or so much of what it left in the test
-    worse_noises: float = 1.0  # by which an error is larger than another, in power
-    grown: float = 1.1  # times the tracking error before
-    mostly: float = 0.8  # of the model's error: a tracking error so near to it was mostly its own,
-    fallen: float = 0.8  # and must be at most so much of what it was
-    alike: float = 2.0  # factor of the targets' steps in rms up to which tracking is compared
-    without: float = 0.5  # of the samples without preview: tracking need not have fallen
-    motion: float = 0.002  # of the reach, between batches: the stage is moved
-    least_s: float = 1.0  # of motion, from which evidence counts when time is up
-    limit: float = 30.0  # times the seconds of motion: the bound on the time of a trial,
-    limit_s: float = 300.0  # at the least: one slow line of a scan, or a coffee
+    settle_s: float = 2.0  # after the switch: the glide, and the trim's readjustment
+    promised: float = 0.5  # of the rms that the replay removed
+    seen_noises: float = 2.0  # least error of the previous model for a comparison,
+    seen_share: float = 0.7  # or this share of its error in the test
+    worse_noises: float = 1.0  # in power, by which an error counts as larger than another
+    grown: float = 1.1  # times the tracking error before: it has grown
+    mostly: float = 0.8  # of the model's error: a tracking error this near was mostly the model's,
+    fallen: float = 0.8  # and must fall to this share of it
+    alike: float = 2.0  # largest ratio of the targets' rms steps for which tracking is compared
+    without: float = 0.5  # of the samples without preview: tracking need not fall
+    motion: float = 0.002  # of the reach, between batches: the stage moves
+    least_s: float = 1.0  # of motion, from which on evidence counts at the time limit
+    limit: float = 30.0  # times the seconds of motion: time limit of a trial,
+    limit_s: float = 300.0  # at least: covers one slow scan line, or a break
 
 
 TRIAL = TrialTuning()
 
 Outcome = Literal["stays", "goes", "open"]
-"""open: what was seen does not decide it."""
+"""open: the evidence does not decide it."""
 
 
 class Errors(NamedTuple):
-    """rms over so many seconds of motion. other: what the model before leaves of the same samples;
-    steps: of the targets from sample to sample; without: share of the samples whose inverse had
-    to do without its preview. NaN: not known."""
+    """rms over that many seconds of motion. other: the previous model's error on the same samples;
+    steps: of the targets from sample to sample; without: share of the samples whose inverse had to
+    run without its preview. NaN: not known."""
 
     model: float
     tracking: float
@@ -69,20 +69,20 @@ class Errors(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What becomes of the model, and why, in words."""
+    """Whether the model stays, and the reason in words."""
 
     outcome: Outcome
     why: str
 
 
 def longest_trial_s(motion_s: float, limit_s: float | None) -> float:
-    """Bound on the time of a trial that wants this much motion; limit_s: as configured."""
+    """Return the time limit of a trial that needs this much motion; limit_s: as configured."""
     return max(TRIAL.limit_s, TRIAL.limit * motion_s) if limit_s is None else limit_s
 
 
 class OfferErrors(NamedTuple):
-    """What its test on later telemetry left of the model before and of the offered one, and the
-    noise: rms."""
+    """rms errors of the previous and of the offered model in the test on later telemetry, and the
+    noise."""
 
     in_use: float
     offered: float
@@ -90,10 +90,10 @@ class OfferErrors(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """A batch (n,): measured minus predicted; the same of the model before, NaN where that is not
-    known; measured minus target; the step of the target to each sample, NaN: not known; which
-    samples count for the models, and which for
-    tracking; where the inverse did without its preview; where a reading was not due."""
+    """A batch (n,): measured minus predicted; the same for the previous model, NaN where not known;
+    measured minus target; the step of the target to each sample, NaN: not known; which samples
+    count for the models, and which for tracking; where the inverse ran without its preview; where a
+    reading was not due."""
 
     own: Floats
     other: Floats
@@ -127,7 +127,7 @@ _SUMS = np.dtype(
 
 
 class ErrorMeter:
-    """The figures of the newest `seconds` of motion."""
+    """Errors over the newest `seconds` of motion."""
 
     def __init__(self, seconds: float, period_s: float) -> None:
         self._parts: deque[np.ndarray] = deque()
@@ -135,12 +135,12 @@ class ErrorMeter:
         self._seconds = 0.0
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Start again."""
         self._parts.clear()
         self._seconds = 0.0
 
     def add(self, s: Samples) -> None:
-        """A batch."""
+        """Add a batch."""
         if not s.good.any():
             return
         part = np.zeros((), _SUMS)
@@ -161,12 +161,12 @@ class ErrorMeter:
 
     @property
     def full(self) -> bool:
-        """Enough was seen."""
+        """Whether enough motion was seen."""
         return self._seconds >= self._wanted_s * (1.0 - 1e-9)
 
     @property
     def errors(self) -> Errors:
-        """NaN where nothing was seen."""
+        """The errors; NaN where nothing was seen."""
         if not self._parts:
             return Errors(math.nan, math.nan, 0.0)
         t = {name: float(sum(float(p[name]) for p in self._parts)) for name in _SUMS.names or ()}
@@ -174,7 +174,7 @@ class ErrorMeter:
             _spread(t["n"], t["own"], t["own2"]),
             math.sqrt(t["error2"] / t["n_tracked"]) if t["n_tracked"] else math.nan,
             t["seconds"],
-            # of all the samples, or of none: otherwise the two are not of the same
+            # known for all samples, or not used: the two must be of the same samples
             _spread(t["n_other"], t["other"], t["other2"]) if t["n_other"] == t["n"] else math.nan,
             math.sqrt(t["steps2"] / t["n_steps"]) if t["n_steps"] else math.nan,
             t["without"] / t["n_tracked"] if t["n_tracked"] else 0.0,
@@ -182,13 +182,13 @@ class ErrorMeter:
 
 
 def _spread(n: float, first: float, square: float) -> float:
-    """rms without the mean."""
+    """Return the rms without the mean."""
     return math.sqrt(max(0.0, square / n - (first / n) ** 2)) if n else math.nan
 
 
 def judge_trial(before: Errors, after: Errors, promise: OfferErrors, unit: str) -> Verdict:
-    """Whether the model on trial stays. before: of the model before, NaN where nothing moved before
-    the switch; after: of the one on trial."""
+    """Decide whether the model on trial stays. before: errors of the previous model, NaN where
+    nothing moved before the switch; after: those of the one on trial."""
     if not math.isfinite(after.model):
         return Verdict("open", "the stage has not moved with a valid reading")
     noise2, seconds = promise.noise**2, after.seconds
@@ -229,8 +229,8 @@ def judge_trial(before: Errors, after: Errors, promise: OfferErrors, unit: str) 
 
 
 def _tracks_worse(before: Errors, after: Errors, noise: float, unit: str) -> str:
-    """In words, where the stage follows worse, or no better; "" also where the motion is another
-    one than before the switch."""
+    """Return, in words, that the stage tracks worse, or no better; "" otherwise, also where the
+    motion differs from that before the switch."""
     other = _compare_motion(before, after)
     if not math.isfinite(before.tracking) or other > TRIAL.alike:
         return ""
@@ -257,7 +257,8 @@ def _tracks_worse(before: Errors, after: Errors, noise: float, unit: str) -> str
 
 
 def _compare_motion(before: Errors, after: Errors) -> float:
-    """By which factor the targets moved faster or slower than before; 1 where that is not known."""
+    """Return the factor by which the targets moved faster or slower than before; 1 where it is not
+    known."""
     if not (math.isfinite(before.steps) and math.isfinite(after.steps)):
         return 1.0
     less, more = sorted((before.steps, after.steps))
@@ -265,7 +266,7 @@ def _compare_motion(before: Errors, after: Errors) -> float:
 
 
 def _describe_confirmed(before: Errors, after: Errors, had: str, unit: str) -> str:
-    """In words, that the model on trial stays."""
+    """Return, in words, that the model on trial stays."""
     says = (
         f"the offered model is confirmed over {after.seconds:.0f} s of motion: its error is "
         f"{after.model:.3g} {unit}"
@@ -281,9 +282,9 @@ def _describe_confirmed(before: Errors, after: Errors, had: str, unit: str) -> s
 def settle_trial(
     before: Errors, after: Errors, promise: OfferErrors, unit: str, limit_s: float
 ) -> Verdict:
-    """The same when the time is up: without evidence against it the model stays. It was better on
-    later telemetry than it was fitted to, somebody has accepted it, and the watch goes on; going
-    back would put a model to work that is known not to fit."""
+    """Decide when the time is up: without evidence against it the model stays. It was better on
+    telemetry later than that it was fitted to, a user has accepted it, and monitoring continues;
+    going back would reinstate a model that is known not to fit."""
     seen = f"the trial ends after its limit of {limit_s:.0f} s"
     if after.seconds >= TRIAL.least_s:
         verdict = judge_trial(before, after, promise, unit)
