@@ -1,2 +1,2 @@
-"""Drives to record with: designed, checked for what they show, and chosen to tell two physics
-apart."""
+"""Drives to record with: designed, checked for what they show, and chosen to distinguish two
+physics."""

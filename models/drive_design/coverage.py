@@ -1,8 +1,9 @@
-"""Does a drive show enough of a stage to identify it: range, rates, loop sizes, repetitions, rest.
+"""Check whether a drive shows enough of a stage to identify it: range, rates, loop sizes,
+repetitions, rest.
 
-A model of hysteresis with rate-dependence needs every part of the drive range at slow and fast
-rates, up and down, and loops of several sizes. One sine ties the rate to the drive: then a
-rate-dependent loop and a loop of another shape cannot be distinguished.
+A rate-dependent model of hysteresis needs every part of the drive range at slow and fast rates, up
+and down, and loops of several sizes. One sine ties the rate to the drive: then a rate-dependent
+loop and a loop of another shape cannot be distinguished.
 """
 
 from collections.abc import Sequence
@@ -17,19 +18,19 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.identify.data.outliers import sample
 from dehyst.models.recording import Floats, Recording, typical_step
 
-SIZE_EDGES = (0.02, 0.15, 0.4, 0.7, 1.01)  # classes of loop sizes, of the span
+SIZE_EDGES = (0.02, 0.15, 0.4, 0.7, 1.01)  # classes of loop sizes, relative to the span
 
 
 class Tuning(NamedTuple):
-    """Rules of thumb, held by tests/models/drive_design; no benchmark has set them."""
+    """Rules of thumb, checked by tests/models/drive_design; no benchmark has set them."""
 
     drive_bins: int = 8
     rate_bins: int = 9
     enough_cells: float = 0.55  # of drive and rate cells for a rate-dependent model
     enough_sizes: int = 3  # of the four classes of loop sizes
     fewest_cycles: float = 3.0
-    steps_per_span: float = 40.0  # fewer samples for one way through the range hide small loops
-    still: float = 1e-3  # of the largest rate: slower is at rest
+    steps_per_span: float = 40.0  # fewer samples per sweep through the range hide small loops
+    still: float = 1e-3  # of the largest rate: slower counts as rest
 
 
 TUNING = Tuning()
@@ -39,10 +40,10 @@ TUNING = Tuning()
 class Coverage:
     """What a drive covers.
 
-    cells: (drive_bins, rate_bins) number of samples by drive and rate; drive_edges, rate_edges:
-    of the cells; sizes: (K,) size of each travel between turns, as a part of the span; covered:
-    part of the cells that hold samples; cycles: full travels there and back; rest_s: time at rest;
-    missing: sentences on what is missing for a static and for a rate-dependent model.
+    cells: (drive_bins, rate_bins) number of samples by drive and rate; drive_edges, rate_edges: of
+    the cells; sizes: (K,) size of each travel between turns, as a share of the span; covered: share
+    of the cells that hold samples; cycles: full travels back and forth; rest_s: time at rest;
+    missing, missing_rate: sentences on what is missing for a static and for a rate-dependent model.
     """
 
     cells: Floats
@@ -64,7 +65,8 @@ class Coverage:
 
 @njit(cache=True, nogil=True)
 def _list_travels(u: Floats, least: float) -> Floats:
-    """Sizes of the travels between turns; wiggles smaller than `least` do not count as turns."""
+    """Return the sizes of the travels between turns; wiggles smaller than `least` do not count as
+    turns."""
     out = np.empty(u.size)
     count = 0
     start = extreme = u[0]
@@ -91,7 +93,7 @@ def _list_travels(u: Floats, least: float) -> Floats:
 def _count(
     u: Floats, rates: Floats, low: float, high: float, rate_max: float, cells: Floats
 ) -> None:
-    """Add the samples to the cells of drive and rate; rates beyond rate_max belong to none."""
+    """Add the samples to the cells of drive and rate; rates beyond rate_max are not counted."""
     bins, rate_bins = cells.shape
     for i in range(rates.size):
         if abs(rates[i]) <= rate_max:
@@ -101,7 +103,8 @@ def _count(
 
 
 def measure_coverage(recordings: Sequence[Recording]) -> Coverage:
-    """What the drives of these recordings cover together. Raises BadRecording for a still drive."""
+    """Return what the drives of these recordings cover together. Raises BadRecording for a drive
+    that does not move."""
     known = [slice(None) if not r.missing_drive.any() else ~r.missing_drive for r in recordings]
     drives = [r.drive[k] for r, k in zip(recordings, known, strict=True)]
     times = [r.t_s[k] for r, k in zip(recordings, known, strict=True)]
@@ -145,13 +148,14 @@ def measure_coverage(recordings: Sequence[Recording]) -> Coverage:
 
 
 def _compute_rates(t: Floats, u: Floats) -> Floats:
-    """(N - 1,) rates; those across gaps count as zero."""
+    """Return (N - 1,) rates; those across gaps count as zero."""
     dt = np.diff(t)
     return np.where(dt <= 2.5 * typical_step(t), np.diff(u) / dt, 0.0)
 
 
 def count_loop_sizes(u: Floats) -> NDArray[np.int64]:
-    """(4,) number of travels between turns of a drive (N,) in each class of loop sizes."""
+    """Return the (4,) number of travels between turns of a drive (N,) in each class of loop
+    sizes."""
     span = float(np.ptp(u))
     return _count_classes(_list_travels(u, 0.01 * span) / span)
 

@@ -1,10 +1,10 @@
-"""Designs a drive for identification: superimposed sines (Qin et al., Eq. 9).
+"""Design a drive for identification: superimposed sines (Qin et al., Eq. 9).
 
     u(t) = middle + sum_i A_i sin(2 pi f_i t - pi / 2)
 
-Every sine starts in its trough, so the drive starts at the bottom of its range with zero rate,
-and every sine runs a whole number of periods, so it ends there too. Frequencies and amplitudes
-are searched so that drive and rate together are covered evenly, with loops of all sizes.
+Every sine starts in its trough, so the drive starts at the bottom of its range with zero rate, and
+every sine runs a whole number of periods, so it ends there too. Frequencies and amplitudes are
+searched so that drive and rate together are covered evenly, with loops of all sizes.
 """
 
 import math
@@ -20,17 +20,17 @@ from dehyst.models.recording import Floats
 
 
 class Tuning(NamedTuple):
-    """Rules of thumb, held by tests/models/drive_design; no benchmark has set them."""
+    """Rules of thumb, checked by tests/models/drive_design; no benchmark has set them."""
 
     sines: int = 3
     trials: int = 300
     drive_bins: int = 8
     rate_bins: int = 9
-    coarse: int = 3000  # samples on which a drive is judged
-    slowest: float = 0.1  # of the band: slower sines leave too little of the fast ones
+    coarse: int = 3000  # samples used to judge a drive
+    slowest: float = 0.1  # of the band: slower sines leave too little amplitude for the fast ones
     least_cycles: int = 3  # of the slowest sine in the whole drive
-    finest: int = 12  # samples for one period of the fastest sine
-    reach: float = 0.91  # of the range, that the sines shall reach together
+    finest: int = 12  # samples per period of the fastest sine
+    reach: float = 0.91  # of the range, which the sines should reach together
 
 
 TUNING = Tuning()
@@ -40,7 +40,7 @@ SINES = TUNING.sines
 @dataclass(frozen=True)
 class Excitation:
     """A drive. t_s, u: (N,); amplitudes, frequencies_hz: of the sines; rest_s: rest at each end;
-    lead_s: gentle way from the start to the bottom of the range; rate_max: largest rate [unit/s];
+    lead_s: smooth move from the start to the bottom of the range; rate_max: largest rate [unit/s];
     evenness: 0 (one cell of drive and rate) to 1 (all cells alike)."""
 
     t_s: Floats
@@ -64,11 +64,12 @@ def design(
     slew_per_s: float | None = None,
     seed: int = 0,
 ) -> Excitation:
-    """The drive between low and high, with sines up to band_hz, over duration_s.
+    """Design a drive between low and high, with sines up to band_hz, over duration_s.
 
-    band_hz: the fastest sine, or the slowest and the fastest: a narrow band keeps what creeps
-    between slow and fast out of a model for motions of about this speed. slew_per_s: largest rate
-    allowed [unit / s]. Raises BadInput, naming the argument, when they contradict each other.
+    band_hz: the fastest sine, or the slowest and the fastest: a narrow band keeps creep that
+    happens between slow and fast out of a model for motions of about this speed. slew_per_s:
+    largest rate allowed [unit / s]. Raises BadInput, naming the argument, when they contradict each
+    other.
     """
     slowest_hz, band_hz = band_hz if isinstance(band_hz, tuple) else (None, band_hz)
     _check(low, high, band_hz, duration_s, sample_hz, sines, slew_per_s)
@@ -151,8 +152,8 @@ def _search(
     body_s: float,
     seed: int,
 ) -> tuple[Floats, Floats]:
-    """(cycles, shares of the half range) of the sines, the most even of many tried, if possible
-    of those that go over nearly all of the range in loops of enough sizes."""
+    """Return (cycles, shares of the half range) of the sines: the most even set of many tried,
+    preferring those that cover nearly all of the range in loops of enough sizes."""
     rng = np.random.default_rng(seed)
     best, found = (-1.0, 0, -1.0), None
     for _ in range(TUNING.trials):
@@ -184,18 +185,19 @@ def _search(
 
 
 def _sum_sines(cycles: Floats, shares: Floats) -> Floats:
-    """One turn of the drive, from -1 up to 1 at most."""
+    """Return one period of the drive, from -1 up to 1 at most."""
     phase = 2.0 * np.pi * np.arange(TUNING.coarse) / TUNING.coarse
     return np.asarray(-np.cos(np.outer(phase, cycles)) @ shares)
 
 
 def _count_sizes(u: Floats) -> int:
-    """How many classes of loop sizes occur."""
+    """Return how many classes of loop sizes occur."""
     return int(np.count_nonzero(count_loop_sizes(u)))
 
 
 def _measure_evenness(cycles: Floats, shares: Floats) -> float:
-    """Entropy of drive and rate over their cells, 0 to 1, times that of the rates alone."""
+    """Return the normalised entropy of drive and rate over their cells, 0 to 1, times that of the
+    rates alone."""
     phase = 2.0 * np.pi * np.arange(TUNING.coarse) / TUNING.coarse
     angle = np.outer(phase, cycles)
     u = -np.cos(angle) @ shares
@@ -214,6 +216,6 @@ def _compute_entropy(counts: Floats) -> float:
 
 
 def _glide(start: float, stop: float, count: int) -> Floats:
-    """Raised-cosine way from start to stop, zero rate at both ends."""
+    """Return a raised-cosine move from start to stop, with zero rate at both ends."""
     way = 0.5 * (1.0 - np.cos(np.pi * np.arange(count) / max(1, count)))
     return start + (stop - start) * way

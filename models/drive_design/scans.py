@@ -1,9 +1,9 @@
 """Paths in the plane: raster, spiral, Lissajous figure. Targets of two axes over time.
 
-Every path begins and ends at rest at one place, so that it can be played again and again, and has
-no corner: a turn of a raster is half a cosine of the speed, v cos(pi t / T), which goes on smoothly
-from the line before and beyond its end by v T / pi; spiral and figure gather way along their own
-path.
+Every path begins and ends at rest at one place, so that it can be repeated, and has no corner:
+during a turn of a raster the speed is half a cosine, v cos(pi t / T), which continues smoothly from
+the line before and overshoots its end by v T / pi; spiral and Lissajous figure accelerate along
+their own path.
 """
 
 from collections.abc import Callable
@@ -15,14 +15,14 @@ from dehyst.models.errors import BadInput
 from dehyst.models.recording import Bools, Floats
 
 MOST_SAMPLES = 5_000_000
-FINE = 20_000  # points of a path, from which it is run through in time
+FINE = 20_000  # points of a path, from which its timing is computed
 
 
 @dataclass(frozen=True)
 class Scan:
     """A path. t_s: (N,) from 0, evenly spaced; x, y: (N,) targets in the unit of the sizes; image:
-    (N,) True where the scan proper runs, False in turns and on the way in, out and back; says:
-    what it is, in words."""
+    (N,) True where the scan proper runs, False in turns and on the way in, out and back; says: a
+    description in words."""
 
     t_s: Floats
     x: Floats
@@ -42,9 +42,10 @@ class Scan:
 def scan_raster(
     width: float, height: float, lines: int, line_s: float, period_s: float, turn: float = 0.2
 ) -> Scan:
-    """Lines to and fro along x, `height` apart in y from the first to the last.
+    """Return a raster: lines back and forth along x, `height` apart in y from the first to the
+    last.
 
-    line_s: duration of a line and its turn; turn: share of it that the turn takes, while y goes to
+    line_s: duration of a line and its turn; turn: share of it that the turn takes, while y moves to
     the next line. The lines themselves run at constant speed over the whole width. Raises BadInput.
     """
     _require_above_0(width=width, height=height, line_s=line_s, period_s=period_s)
@@ -56,13 +57,13 @@ def scan_raster(
     way_s = line_s - turn_s
     speed = width / way_s
     beyond = speed * turn_s / np.pi
-    # half a turn from rest, the lines with turns between, half a turn to rest
+    # half a turn from rest, the lines with turns between them, half a turn to rest
     scan_s = lines * way_s + (lines - 1) * turn_s + turn_s
     back_s = _time_back(width + 2.0 * beyond, height, speed)
     t = _times(scan_s + back_s, period_s)
     edge = 0.5 * width
     k = np.clip(np.floor((t - 0.5 * turn_s) / line_s), 0, lines - 1)
-    local = t - 0.5 * turn_s - k * line_s  # since the line's begin
+    local = t - 0.5 * turn_s - k * line_s  # since the start of the line
     way = 1.0 - 2.0 * (k % 2)
     image = (local >= 0.0) & (local <= way_s)
     share = np.where(local < 0.0, local, np.maximum(local - way_s, 0.0)) / turn_s
@@ -82,8 +83,9 @@ def scan_raster(
 
 
 def scan_spiral(radius: float, pitch: float, speed: float, most_hz: float, period_s: float) -> Scan:
-    """A spiral of Archimedes from the centre, r = pitch angle / (2 pi), at constant speed along the
-    path but for the middle, where it turns at most most_hz times a second. Raises BadInput."""
+    """Return an Archimedean spiral from the centre, r = pitch angle / (2 pi), at constant speed
+    along the path except near the middle, where it makes at most most_hz turns a second. Raises
+    BadInput."""
     _require_above_0(radius=radius, pitch=pitch, speed=speed, most_hz=most_hz, period_s=period_s)
     if pitch > radius:
         raise BadInput(f"pitch {pitch:g}: it is too wide for a spiral of radius {radius:g}")
@@ -115,8 +117,9 @@ def scan_lissajous(
     period_s: float,
     turns: int = 2,
 ) -> Scan:
-    """x = width/2 sin(2 pi a t / figure_s + pi/2), y = height/2 sin(2 pi b t / figure_s), for the
-    ratio a : b; `turns` whole figures, slower while it gathers way and comes to rest."""
+    """Return a Lissajous figure, x = width/2 sin(2 pi a t / figure_s + pi/2), y = height/2 sin(2 pi
+    b t / figure_s), for the ratio a : b; `turns` whole figures, slower while it accelerates and
+    comes to rest. Raises BadInput."""
     _require_above_0(width=width, height=height, figure_s=figure_s, period_s=period_s)
     a, b = ratio
     if min(a, b) < 1 or turns < 1:
@@ -132,8 +135,8 @@ def scan_lissajous(
 
 
 def _run_through(length_s: float, ramp_s: float, period_s: float) -> tuple[Floats, Bools]:
-    """(N,) places from 0 to length_s on a path that takes length_s at full speed: the speed rises
-    to 1 over ramp_s and falls to 0 over the last; and where it is 1."""
+    """Return (N,) places from 0 to length_s on a path that takes length_s at full speed, and where
+    the speed is 1: it rises from 0 to 1 over the first ramp_s and falls to 0 over the last."""
     whole_s = length_s + ramp_s
     t = _times(whole_s, period_s)
     rise, fall = np.clip(t / ramp_s, 0.0, 1.0), np.clip((whole_s - t) / ramp_s, 0.0, 1.0)
@@ -145,12 +148,13 @@ def _run_through(length_s: float, ramp_s: float, period_s: float) -> tuple[Float
 
 
 def _smooth(share: Floats) -> Floats:
-    """From 0 to 1 at rest at both ends: 10 s^3 - 15 s^4 + 6 s^5."""
+    """Return a share mapped from 0 to 1 with rest at both ends: 10 s^3 - 15 s^4 + 6 s^5."""
     return np.asarray(share**3 * (10.0 - 15.0 * share + 6.0 * share**2))
 
 
 def _time_back(width: float, height: float, speed: float) -> float:
-    """So long that the way back is nowhere faster than `speed` (the peak of _smooth is 1.875)."""
+    """Return the time of the way back on which the speed never exceeds `speed` (the peak of
+    _smooth's slope is 1.875)."""
     return 1.875 * max(width, height) / speed
 
 

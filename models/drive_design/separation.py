@@ -1,8 +1,8 @@
-"""The experiment that tells two candidates apart.
+"""Choose the experiment that distinguishes two candidates.
 
 For every drive of waveforms.py: simulate the stage with candidate A at a typical strength, refit
-the base and candidate B (over its whole parameter range) to that, and take the rms that is left;
-then the other way round. The drive whose smaller remainder is largest separates best.
+the base and candidate B (over its whole parameter range) to that, and take the rms of the residual;
+then swap A and B. The drive whose smaller residual is largest separates best.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ EFFECTS = {name: one for p in PHYSICS.values() for name, one in p.specimens.item
 
 @dataclass(frozen=True)
 class Separation:
-    """One drive judged: rms left of A after B was refitted, and of B after A [displacement]."""
+    """One drive judged: residual rms of A after B was refitted, and of B after A [displacement]."""
 
     waveform: Waveform
     left_a: float
@@ -33,13 +33,13 @@ class Separation:
 
     @property
     def worth(self) -> float:
-        """The weaker of the two."""
+        """The smaller of the two."""
         return min(self.left_a, self.left_b)
 
 
 @dataclass(frozen=True)
 class SeparatingDrive:
-    """The chosen drive (N,) with its times, what it separates by, and all that were tried."""
+    """The chosen drive (N,) with its times, its separation, and all that were tried."""
 
     t_s: Floats
     drive: Floats
@@ -49,7 +49,8 @@ class SeparatingDrive:
 
 
 def separate(a: str, b: str, limits: Limits, model: Model | None = None) -> SeparatingDrive:
-    """The drive that tells effect a from effect b. model: of the stage; None: a typical one.
+    """Return the drive that distinguishes effect a from effect b. model: of the stage; None: a
+    typical one.
 
     Raises BadInput on unknown names and on equal ones.
     """
@@ -58,7 +59,7 @@ def separate(a: str, b: str, limits: Limits, model: Model | None = None) -> Sepa
             raise BadInput(f"{name!r} cannot be separated; known are {', '.join(EFFECTS)}")
     if a == b:
         raise BadInput(f"{a!r} and {b!r} are the same effect")
-    in_base = EFFECTS[a].in_base or EFFECTS[b].in_base  # a rich base would take them whole
+    in_base = EFFECTS[a].in_base or EFFECTS[b].in_base  # a rich base would absorb them
     bare = replace(model, blocks=()) if model else _make_typical(limits)
     tried = []
     for waveform in WAVEFORMS:
@@ -98,7 +99,8 @@ def separate(a: str, b: str, limits: Limits, model: Model | None = None) -> Sepa
 
 
 def _fit_rival(target: Floats, columns: Floats, rivals: Sequence[Floats]) -> float:
-    """Rms of the target after the base and the best variant of the rival were refitted."""
+    """Return the rms of the target after the base and the best variant of the rival were
+    refitted."""
     basis, _ = np.linalg.qr(columns)
 
     def outside(x: Floats) -> Floats:
@@ -109,7 +111,7 @@ def _fit_rival(target: Floats, columns: Floats, rivals: Sequence[Floats]) -> flo
     for rival in rivals:
         r = outside(rival)
         power = float(r @ r)
-        # an effect does not act backwards: a rival needs a positive amount
+        # a negative amount of an effect is unphysical
         amount = max(0.0, float(r @ rest)) / power if power > 0 else 0.0
         smallest = min(smallest, float(np.sum((rest - amount * r) ** 2)))
     return float(np.sqrt(max(smallest, 0.0) / target.size))
@@ -123,7 +125,8 @@ def _make_base_columns(drive: Floats, limits: Limits, rich: bool) -> Floats:
 
 
 def _make_channels(limits: Limits) -> dict[str, Floats]:
-    """A temperature that rises while it waves, and an axis that goes its own way."""
+    """Return a temperature that rises while it oscillates, and another axis that moves
+    independently."""
     s = limits.times / limits.seconds
     other = limits.middle + 0.4 * limits.span * np.sin(2 * np.pi * 7.3 * s)
     return {TEMPERATURE: 22.0 + s + 0.2 * np.sin(9.0 * s), OTHER_AXIS: other}
@@ -135,7 +138,7 @@ def _measure_stroke(model: Model, limits: Limits) -> float:
 
 
 def _make_typical(limits: Limits) -> Model:
-    """15 % of hysteresis on a stroke of one micrometre per unit of drive."""
+    """Return a model with 15 % hysteresis on a stroke of one micrometre per unit of drive."""
     r = np.geomspace(0.01, 0.5, 8) * limits.span
     h = Hysteresis(
         r=np.r_[0.0, r],

@@ -1,4 +1,4 @@
-"""Drives from which the experiment that separates two candidates is chosen."""
+"""The drives from which the experiment that distinguishes two candidates is chosen."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from dehyst.models.recording import Floats
 
 @dataclass(frozen=True)
 class Limits:
-    """What the stage may be given: drive range [drive unit], steepest rate [drive unit / s],
+    """Limits of the stage's drive: drive range [drive unit], steepest rate [drive unit / s],
     sampling period [s], length [s]."""
 
     drive_min: float
@@ -40,13 +40,13 @@ class Limits:
 
     @property
     def times(self) -> Floats:
-        """(N,) [s]."""
+        """(N,) sampling times [s]."""
         return np.arange(round(self.seconds / self.period_s), dtype=np.float64) * self.period_s
 
 
 @dataclass(frozen=True)
 class Waveform:
-    """A drive by name; says: one sentence for the person who runs it."""
+    """A named drive; says: one sentence for the person who runs it."""
 
     name: str
     says: str
@@ -54,7 +54,7 @@ class Waveform:
 
 
 def _ramped(limits: Limits, wanted: Floats) -> Floats:
-    """The wanted drive from the low end on, never steeper than allowed."""
+    """Return the wanted drive, starting at the low end and limited to the allowed rate."""
     most = 0.98 * limits.rate_max * limits.period_s
     out = np.empty(wanted.size)
     v = limits.drive_min
@@ -84,7 +84,8 @@ def _rest(limits: Limits) -> Floats:
 
 
 def _chirp(limits: Limits, share: float, top: float) -> Floats:
-    """About the middle; where the rate would be too great, the sweep's amplitude falls."""
+    """Return a sweep about the middle; where the rate would be too high, its amplitude is
+    reduced."""
     t = limits.times
     nyquist = 0.5 / limits.period_s
     low, high = 1.0 / limits.seconds * 10, top * nyquist
@@ -124,7 +125,7 @@ def _slow_triangle(limits: Limits) -> Floats:
 
 
 def _fast_and_slow(limits: Limits) -> Floats:
-    """The same triangles at three speeds, the fastest as fast as allowed."""
+    """Return the same triangles at three speeds, the fastest as fast as allowed."""
     third = np.minimum(3 * np.arange(limits.times.size) // limits.times.size, 2)
     fastest = max(2.5 * limits.span / limits.rate_max, 16 * limits.period_s)
     slowest = max(limits.seconds / 6, fastest)
@@ -133,7 +134,7 @@ def _fast_and_slow(limits: Limits) -> Floats:
 
 
 def _burst_then_hold(limits: Limits) -> Floats:
-    """Half a minute's work in seconds, then rest where it was."""
+    """Return a long burst of fast motion, then a rest at the middle."""
     t = limits.times
     f = min(80.0, 0.9 * limits.rate_max / (2 * np.pi * 0.35 * limits.span), 0.1 / limits.period_s)
     on = (t > 0.1 * limits.seconds) & (t < 0.5 * limits.seconds)
