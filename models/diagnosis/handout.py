@@ -97,8 +97,8 @@ def hand_out(data: Data, bare: Problem, weighed: Conclusion, sigma: float) -> Ha
 def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[WritableFit]:
     """Yield the models that may be written, the plainest first: the effects around the model in
     use, the same without each of them, the effects around a hysteresis that was refitted with them,
-    and last with the shape of the base, from the strongest regularisation of the base to the
-    weakest."""
+    and last with the shape of the base, first with a stiffer prior of the base, then with a heavier
+    pull towards the model in use."""
     effects = final.effects
     subsets = [effects, *([e for e in effects if e is not one] for one in effects)]
     for some in subsets[: 1 if len(effects) < 2 else None]:

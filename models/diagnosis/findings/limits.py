@@ -4,11 +4,12 @@ The first guess is the strength whose contribution, with everything else refitte
 that the search certainly accepts it. Then the effect is added to the reading at that strength, and
 the search continues from what was found; where the effect is not reported, it is tried once more,
 stronger. A strength that is never reported gives no limit. There is none either for what a found
-effect could be mistaken for: the search on other recordings may choose otherwise. Where more than
-the noise is left of what the drive causes, an effect of the drive would compete with that, and none
-is excluded; nor is any with three or more effects found, which may hide another. The reported limit
-is somewhat larger, because a stage's effect is not exactly the library's. An effect that stays
-below at every sensible strength cannot be seen in these recordings at all, and the limit says so.
+effect could be mistaken for: the search on other recordings may choose otherwise. No effect of the
+drive is excluded where more than the noise is left of what the drive causes, because the effect
+would compete with that, or where three or more effects were found, which may hide another. The
+reported limit is somewhat larger, because a stage's effect is not exactly the library's. An effect
+that stays below at every sensible strength cannot be seen in these recordings at all, and the limit
+says so.
 """
 
 from collections.abc import Callable, Collection, Sequence
