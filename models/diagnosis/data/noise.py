@@ -36,9 +36,7 @@ def noise_rms(data: Data, residual: Floats) -> float:
             powers.append(np.abs(np.fft.rfft(x * window)) ** 2 / norm)
     floor = quantum(data.y) / np.sqrt(12.0)
     if data.repeats:
-        readings = [residual[(data.part == p) & data.rows] for p in np.unique(data.part)]
-        d = np.concatenate([np.diff(e, 4) for e in readings])
-        return max(floor, float(1.4826 * np.median(np.abs(d)) / np.sqrt(70.0)), 1e-12)
+        return max(floor, _fourth_differences(data, residual), 1e-12)
     if data.missing > TUNING.crumb * data.n:
         both = data.rows[1:] & data.rows[:-1] & ~data.starts[1:]
         d = np.diff(residual)[both]
@@ -46,12 +44,20 @@ def noise_rms(data: Data, residual: Floats) -> float:
             return max(floor, float(1.4826 * np.median(np.abs(d)) / np.sqrt(2.0)), 1e-12)
     repeated = _unrepeated(data)
     if not powers:
-        d = np.diff(residual, 4)
-        return max(floor, float(1.4826 * np.median(np.abs(d)) / np.sqrt(70.0)))
+        return max(floor, _fourth_differences(data, residual), 1e-12)
     spectra = np.array(powers)[:, 2 * TUNING.segment // 6 :]
     # exponential statistics: median = ln 2 times the mean
     by_line = np.median(spectra, axis=0) / np.log(2.0)
     return max(floor, min(float(np.sqrt(np.median(by_line))), repeated), 1e-12)
+
+
+def _fourth_differences(data: Data, residual: Floats) -> float:
+    """Return the noise rms from fourth differences of the counted rows of each part; 0 where every
+    part is too short for one."""
+    d = np.concatenate(
+        [np.diff(residual[(data.part == p) & data.rows], 4) for p in np.unique(data.part)]
+    )
+    return float(1.4826 * np.median(np.abs(d)) / np.sqrt(70.0)) if d.size else 0.0
 
 
 def _unrepeated(data: Data) -> float:
