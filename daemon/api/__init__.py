@@ -1,5 +1,7 @@
-"""What `import dehyst` offers: the functions behind the command line, on arrays and recordings.
+"""Functions that `import dehyst` provides: the functions of the command line, on arrays and
+recordings.
 
-inputs.py makes recordings of what is given, functions.py calls models/, results.py are the answers,
-which show themselves in a notebook. Nothing here prints, and nothing is kept between two calls.
+inputs.py turns arguments into recordings, functions.py calls models/, and results.py defines the
+result classes, which render themselves in a notebook. Nothing here prints, and no state is kept
+between calls.
 """

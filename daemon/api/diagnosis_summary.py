@@ -1,4 +1,4 @@
-"""The result of `dehyst diagnose` for people."""
+"""Text summary of a `dehyst diagnose` result."""
 
 from dehyst.models.diagnosis import Diagnosis
 from dehyst.models.units import pick_unit
@@ -7,8 +7,8 @@ SAID = {"partly": "partly explained", "unknown": "not explained"}
 
 
 def describe_diagnosis(diagnosis: Diagnosis) -> str:
-    """What a person reads on the terminal: the data first, then the verdict with one pair of
-    figures, what was found, and what to do next."""
+    """Return the text shown on the terminal: the data first, then the verdict with one pair of
+    figures, the findings, and what to do next."""
     before, after = diagnosis.before_after
     k, unit = pick_unit(diagnosis.unit, max(before, diagnosis.noise))
     lines = [f"data: {said}" for said in diagnosis.data.says]

@@ -1,6 +1,9 @@
-"""The functions of `import dehyst`. Recordings go in as `Recording`s, as paths, as columns by name
-({"t_s": ..., "u_v": ..., "y_um": ...}, a pandas.DataFrame too) or as the arrays t_s, drive,
-displacement; models as `Model`s, paths, shipped names, or results that hold one."""
+"""Functions of `import dehyst`.
+
+A recording is a `Recording`, a path, columns by name, or the arrays t_s, drive, displacement.
+Columns by name are a dict {"t_s": ..., "u_v": ..., "y_um": ...} or a pandas.DataFrame. A model is a
+`Model`, a path, a shipped name, or a result that holds one.
+"""
 
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -26,12 +29,12 @@ from dehyst.models.recording import Recording
 
 UNITS = ("v", "um")
 FREE_SLEW, WINDOW_S = 1e12, 0.1
-THREADS = 2  # candidates of a diagnosis tried at once: each needs a design of all samples
+THREADS = 2  # candidates tried at once in a diagnosis: each needs a design of all samples
 Say = Callable[[str], None]
 
 
 def _keep_quiet(text: str, share: float = 0.0) -> None:
-    """No progress wanted."""
+    """Discard progress reports."""
 
 
 def load_recording(
@@ -43,12 +46,13 @@ def load_recording(
     drive_unit: str = "",
     unit: str = "",
 ) -> Recording:
-    """The recording in a file of any kind that is read; how a file of another program was
-    understood is in its `read`.
+    """Read one recording from a file of any supported kind. For a file of another program, the
+    result's `read` says how the file was interpreted.
 
-    columns: which is which, by heading or number (from 0): {"t": 0, "u": "Voltage", "y": 2};
-    rate_hz: rows a second, where there are no times; time_unit: s, ms or us; drive_unit, unit: of
-    drive and displacement, where no heading gives them. Raises BadRecording, one line.
+    columns: which column is which, by heading or number (from 0): {"t": 0, "u": "Voltage", "y": 2};
+    rate_hz: rows per second, for a file without times; time_unit: s, ms or us; drive_unit, unit:
+    units of drive and displacement, for columns whose headings give none. Raises BadRecording with
+    a one-line message, and BadInput on an invalid option.
     """
     named = parse_columns(columns) if isinstance(columns, str) else dict(columns or {})
     if rate_hz is not None and not rate_hz > 0.0:
@@ -58,7 +62,8 @@ def load_recording(
 
 
 def load_model(path: str | Path) -> Model:
-    """The model in a TOML file, or a shipped one ("paper-eq12"). Raises BadModel, one line."""
+    """Read a model from a TOML file, or return a shipped one ("paper-eq12"). Raises BadModel with a
+    one-line message."""
     return take_model(path)
 
 
@@ -73,10 +78,11 @@ def identify(
 ) -> Identified:
     """Identify one model from one or more recordings of a stage.
 
-    data: see above. rate, order, saturation, bias: as in dehyst.models.identify.Options; None:
-    chosen on held-out rows. units: of arrays, drive and displacement. progress: called with a few
-    words. Raises BadRecording where the recordings carry no model, BadInput where they do not
-    belong together.
+    data: recordings, as described above. rate, order, saturation, bias: as in
+    dehyst.models.identify.Options; None: chosen by held-out error. units: units of drive and
+    displacement, for arrays. progress: called with a short text at each step. Raises BadRecording
+    if no model can be identified from the recordings, BadInput if the recordings do not belong
+    together.
 
     >>> found = dehyst.identify("run.csv", progress=print)      # doctest: +SKIP
     >>> found.save("stage.toml")                                # doctest: +SKIP
@@ -87,10 +93,10 @@ def identify(
 
 
 def simulate(model: Any, *data: Any, units: tuple[str, str] | None = None) -> Simulated:
-    """Run a model on a recording's drive (t_s and drive are enough, and the channels that the model
-    reads). Without a displacement the stage is de-energised before the first row; with one it has
-    the history that fits: de-energised, come from above, or from below. units: of arrays, the
-    model's.
+    """Run a model on a recording's drive. t_s and drive are enough, plus any channels that the
+    model reads. Without a displacement the stage starts de-energised; with one, it starts with the
+    history that fits best: de-energised, approached from above, or approached from below. units:
+    units of arrays; default: the model's.
 
     Raises BadInput on other units or missing channels.
     """
@@ -113,12 +119,15 @@ def invert(
     period: float | None = None,
     unit: str | None = None,
 ) -> Drive:
-    """The drive along a trajectory: a path, columns (`t_s`, `target_um`), or arrays t_s, target.
+    """Compute the drive that follows a trajectory: a path, columns (`t_s`, `target_um`), or arrays
+    t_s, target.
 
-    preview: exactly what the daemon does with this look-ahead [s], in `mode`; None: the whole
-    trajectory at once. low, high, slew: limits of the drive (the model's validity; none); start:
-    drive before the first sample (0); period: resample to it [s]; unit: of an array of targets.
-    Raises BadInput where the trajectory cannot be taken.
+    preview: invert exactly as the daemon does with this look-ahead [s], in `mode` ("auto",
+    "static", "causal" or "preview"); None: solve the whole trajectory at once. low, high: drive
+    limits [drive unit] (default: the model's validity); slew: slew-rate limit [drive unit/s]
+    (default: none); start: drive before the first sample (default: 0); period: resample to this
+    period [s]; unit: unit of an array of targets. Raises BadInput or BadRecording if the trajectory
+    cannot be used.
     """
     model = take_model(model)
     trajectory = take_trajectory(data, unit or model.displacement_unit)
@@ -153,10 +162,12 @@ def diagnose(
     units: tuple[str, str] = UNITS,
     progress: Callable[[str, float], None] | None = None,
 ) -> Diagnosed:
-    """Say what the model in use leaves out of the recordings of one stage, and model it.
+    """Find the physics that the model in use lacks, from recordings of one stage, and add it to the
+    model.
 
-    model: the one in use; None: identified from these recordings. progress: called with a few words
-    and the share that is done. Raises BadRecording where the recordings cannot be diagnosed.
+    model: the model in use; None: identified from these recordings. units: units of drive and
+    displacement, for arrays. progress: called with a short text and the fraction done. Raises
+    BadRecording if the recordings cannot be diagnosed.
     """
     recordings = _with_distinct_names(take_recordings(data, units, need_displacement=True))
     in_use = None if model is None else take_model(model)
@@ -166,9 +177,10 @@ def diagnose(
 
 
 def validate(models: Any, *data: Any, units: tuple[str, str] = UNITS) -> Validated:
-    """How well models predict recordings that they have not seen. models: one, or a sequence.
+    """Test how well models predict recordings that were not used to fit them.
 
-    Raises BadInput on other units and on recordings without what a model reads.
+    models: one model or a sequence of models. Raises BadInput on other units and on recordings that
+    lack a channel the model reads.
     """
     many = [models] if not _is_many(models) else list(models)
     recordings = take_recordings(data, units, need_displacement=True)
@@ -189,7 +201,7 @@ def _name(model: Any) -> str:
 
 
 def _with_distinct_names(recordings: list[Recording]) -> list[Recording]:
-    """Names of their own, also where two folders hold the same file name."""
+    """Make recording names unique, also when two folders hold files of the same name."""
     seen: dict[str, int] = {}
     out = []
     for one in recordings:

@@ -1,4 +1,4 @@
-"""The result of `dehyst identify`, for machines and for people."""
+"""Summaries of a `dehyst identify` result: a dictionary for machines, text for people."""
 
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ def _missing(result: Identification, covered: Coverage) -> list[str]:
 def summary(
     result: Identification, covered: Coverage, output: Path, seconds: float, report: Path | None
 ) -> dict[str, Any]:
-    """The result for machines."""
+    """Return the result as a dictionary for JSON output."""
     fit, v, figures = result.model.fit, result.model.validity, describe(result.model)
     return {
         "model": str(output),
@@ -76,7 +76,7 @@ def summary(
 
 
 def block_name(block: Block) -> str:
-    """A block in words."""
+    """Describe a block in words."""
     numbers = ", ".join(
         f"{key} {value:.4g}" for key, value in block.params.items() if key != "share"
     )
@@ -84,11 +84,12 @@ def block_name(block: Block) -> str:
 
 
 def list_intervals(result: Identification) -> dict[str, Any]:
-    """Every number that the data determine, with its 95 % interval, by threshold and by power.
+    """Return every number that the data determine, with its 95 % interval, by threshold and by
+    power.
 
     slopes: dz/du after each operator has joined in, at the largest rate that the drive can have
-    there after a turn, `rate`, and at minus that (static: one for all rates); low and high are null
-    where a slope stands on its bound.
+    there after a reversal, `rate`, and at minus that rate (static model: one slope for all rates);
+    low and high are null if a slope is on its bound.
     """
     h, n = result.model.hysteresis, result.model.hysteresis.n
     names = ("at_rate_max", "at_minus_rate_max") if result.shape.rate else ("at_all_rates",)
@@ -134,7 +135,7 @@ def _interval_words(band: float | None, unit: str) -> str:
 def describe_result(
     result: Identification, covered: Coverage, output: Path, report: Path | None
 ) -> str:
-    """The result for people."""
+    """Return the result as text."""
     fit, unit, v = result.model.fit, result.model.displacement_unit, result.model.validity
     drive = spell_unit(result.model.drive_unit)
     n = result.model.hysteresis.n

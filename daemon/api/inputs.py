@@ -1,4 +1,4 @@
-"""What a caller may hand over as a recording or a trajectory, and what is made of it."""
+"""Convert what a caller passes as a recording, trajectory or model."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,8 +20,8 @@ from dehyst.models.recording import Recording, Trajectory
 
 Columns = Mapping[str, ArrayLike]
 Source = Recording | str | Path | Columns
-"""A recording; the path of one; or columns by name, units in the names (`t_s`, `u_v`, `y_um`): a
-dict, a pandas.DataFrame, a structured array's fields."""
+"""A recording; the path of one; or columns by name with units in the names (`t_s`, `u_v`, `y_um`):
+a dict, a pandas.DataFrame, or the fields of a structured array."""
 
 FORMS = (
     "give recordings, paths, or columns by name ({'t_s': ..., 'u_v': ..., 'y_um': ...}), or the "
@@ -32,10 +32,11 @@ FORMS = (
 def take_recordings(
     data: tuple[Any, ...], units: tuple[str, str], need_displacement: bool
 ) -> list[Recording]:
-    """Recordings from what a function of dehyst was given: (source, source, ...), one sequence of
-    sources, or the arrays (t_s, drive) and, where there is one, displacement; (N,) each.
+    """Return the recordings that were passed to a function of dehyst: (source, source, ...), one
+    sequence of sources, or the arrays (t_s, drive) and optionally displacement, (N,) each.
 
-    units: of drive and displacement, for arrays."""
+    units: units of drive and displacement, for arrays. Raises BadInput.
+    """
     if data and _is_array(data[0]):
         if not 2 <= len(data) <= 3 or not all(map(_is_array, data)):
             raise BadInput(f"{len(data)} arguments are not t_s, drive, displacement; {FORMS}")
@@ -53,7 +54,7 @@ def take_recordings(
 
 
 def _take_recordings(source: Any, need_displacement: bool, number: int) -> list[Recording]:
-    """One source; several recordings of a file whose clock went back."""
+    """Convert one source; a file whose clock went back yields several recordings."""
     if isinstance(source, Recording):
         if need_displacement and source.displacement is None:
             raise BadInput(f"{source.name}: no displacement")
@@ -68,8 +69,8 @@ def _take_recordings(source: Any, need_displacement: bool, number: int) -> list[
 
 
 def take_trajectory(data: tuple[Any, ...], unit: str) -> Trajectory:
-    """A trajectory from a Trajectory, a path, columns by name (`t_s`,
-    `target_um`, channels that the model reads), or the arrays t_s, target in `unit`."""
+    """Return the trajectory given as a Trajectory, a path, columns by name (`t_s`, `target_um`, and
+    channels that the model reads), or the arrays t_s, target in `unit`."""
     if len(data) == 2 and all(map(_is_array, data)):
         data = ({"t_s": data[0], f"target_{unit}": data[1]},)
     if len(data) != 1 or _is_array(data[0]):
@@ -86,7 +87,7 @@ def take_trajectory(data: tuple[Any, ...], unit: str) -> Trajectory:
 
 
 def take_model(model: Any) -> Model:
-    """A model from a Model, a path or a shipped name, or a result that holds one."""
+    """Return the model given as a Model, a path, a shipped name, or a result that holds one."""
     if isinstance(model, Model):
         return model
     if isinstance(model, str | Path):
@@ -98,7 +99,7 @@ def take_model(model: Any) -> Model:
 
 
 def _is_array(one: Any) -> bool:
-    """A column of numbers?"""
+    """Return whether `one` is a one-dimensional column of numbers."""
     if isinstance(one, str | Path | Mapping | Recording) or _has_columns(one):
         return False
     try:

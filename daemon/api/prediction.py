@@ -1,4 +1,4 @@
-"""A model run on a recording's drive, and how it compares: what `dehyst simulate` does."""
+"""Run a model on a recording's drive and compare the two: what `dehyst simulate` does."""
 
 from typing import NamedTuple
 
@@ -11,18 +11,18 @@ from dehyst.models.recording import Floats, Recording
 
 
 class Prediction(NamedTuple):
-    """displacement: (N,) by the model, NaN where the drive or a channel that it reads is missing;
-    start: what the stage is taken to have been through before the first row."""
+    """displacement: (N,) predicted by the model, NaN where the drive or a channel that the model
+    reads is missing; start: the history assumed before the first row."""
 
     displacement: Floats
     start: str
 
 
 def predict(model: Model, recording: Recording) -> Prediction:
-    """Run the model on the recording's drive, behind the history that fits its displacement where
-    there is one (dehyst.models.cascade.history), else de-energised.
+    """Run the model on the recording's drive. If the recording has a displacement, the run starts
+    with the history that fits it (dehyst.models.cascade.history), otherwise de-energised.
 
-    The plays pass over missing rows; nothing is filled in. Raises BadInput on other units or
+    The play operators skip missing rows; nothing is interpolated. Raises BadInput on other units or
     missing channels.
     """
     if model.drive_unit != recording.drive_unit:
@@ -35,7 +35,8 @@ def predict(model: Model, recording: Recording) -> Prediction:
 
 
 def outside_validity(model: Model, recording: Recording) -> dict[str, float]:
-    """Share of the rows that leave the model's drive range and its rate range."""
+    """Return the share of rows outside the model's drive range and the share outside its rate
+    range."""
     v, u = model.validity, recording.drive
     margin = 1e-6 * (v.drive_max - v.drive_min)
     with np.errstate(invalid="ignore"):
@@ -46,12 +47,12 @@ def outside_validity(model: Model, recording: Recording) -> dict[str, float]:
 
 
 SAME = 0.02
-"""Two rms errors that differ by less are not both reported."""
+"""Two rms errors are both reported only if they differ by at least this fraction."""
 
 
 class Misfit(NamedTuple):
-    """Measured minus model: rms over all rows that have both, and how many these are; the same for
-    those from `from_s` on (see `settled_row`), NaN and 0 where there are none."""
+    """Measured minus model: rms over all rows that have both, and the number of these rows; then
+    the same for rows from `from_s` on (see `settled_row`), NaN and 0 if there are none."""
 
     rms: float
     rows: int
@@ -61,8 +62,8 @@ class Misfit(NamedTuple):
 
 
 def misfit(model: Model, recording: Recording, y: Floats) -> Misfit | None:
-    """How far the recording is from y (N,); None without a measured displacement in the model's
-    unit, or without a row that has both."""
+    """Return the error of y (N,) against the recording; None without a measured displacement in the
+    model's unit, or if no row has both."""
     if recording.displacement_unit != model.displacement_unit or recording.displacement is None:
         return None
     error = recording.displacement - y
@@ -81,10 +82,10 @@ def misfit(model: Model, recording: Recording, y: Floats) -> Misfit | None:
 
 
 def settled_row(model: Model, recording: Recording) -> int:
-    """The first row at which no play of the hysteresis depends on how the stage stood before the
-    recording; the number of rows where there is none.
+    """Return the first row at which no play operator still depends on the state of the stage before
+    the recording; the number of rows if there is none.
 
-    A play of threshold r has forgotten its start when its drive has covered 2 r.
+    A play operator of threshold r has forgotten its initial state once its drive has covered 2 r.
     """
     h = model.hysteresis
     travel = 2.0 * float(h.r[(h.b != 0) | (h.k != 0)].max(initial=0.0))
@@ -95,7 +96,7 @@ def settled_row(model: Model, recording: Recording) -> int:
 
 
 def describe_misfit(error: Misfit, unit: str) -> str:
-    """The error, and over which rows it is."""
+    """Return the error as text, with the rows over which it was computed."""
     whole = f"{error.rms:.4g} {unit} rms over all {error.rows} rows"
     if not error.rows_settled:
         return f"{whole}; all of them depend on the unknown earlier state of the stage"

@@ -1,6 +1,7 @@
-"""Answers of dehyst's functions: figures by name, text by `print`, and themselves in a notebook.
+"""Results of dehyst's functions: figures as attributes, text by `print`, and a rendering in a
+notebook.
 
-Pictures and pages are made when they are asked for: matplotlib takes its time.
+Pictures and pages are made on demand, because importing matplotlib takes time.
 """
 
 import json
@@ -34,7 +35,8 @@ from dehyst.models.recording import Floats, Recording
 
 
 def write_page(path: Path, text: str) -> Path:
-    """A report where it is wanted, its folder made. Raises BadInput where that cannot be."""
+    """Write a report to `path`, creating its folder if needed. Raises BadInput if it cannot be
+    written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, text)
@@ -45,14 +47,14 @@ def write_page(path: Path, text: str) -> Path:
 
 @dataclass(frozen=True)
 class Identified:
-    """A model and what it is worth. details: everything that identification says."""
+    """An identified model with its error figures. details: the full identification result."""
 
     details: Identification = field(repr=False)
     recordings: tuple[Recording, ...] = field(repr=False)
 
     @cached_property
     def model(self) -> Model:
-        """The model, with when and by which version it was made."""
+        """The model, with its creation time and the version of dehyst that made it."""
         made = datetime.now(UTC).isoformat(timespec="seconds")
         provenance = replace(self.details.model.provenance, created=made, version=__version__)
         return replace(self.details.model, provenance=provenance)
@@ -64,27 +66,27 @@ class Identified:
 
     @cached_property
     def coverage(self) -> Coverage:
-        """What the drive of the recordings excites."""
+        """Drive range, rates and loop sizes that the recordings cover."""
         return measure_coverage(list(self.recordings))
 
     @property
     def rms(self) -> float | None:
-        """Error of the fit, in the model's unit of displacement; None: not known."""
+        """Rms error of the fit, in the model's displacement unit; None: not known."""
         return self.model.fit.rms
 
     @property
     def holdout_rms(self) -> float | None:
-        """Error on stretches that the fit had not seen."""
+        """Rms error on held-out stretches, in the model's displacement unit."""
         return self.model.fit.holdout_rms
 
     @property
     def noise_rms(self) -> float:
-        """Noise of the recordings."""
+        """Rms noise of the recordings, in the model's displacement unit."""
         return self.details.noise_rms
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader should know."""
+        """Remarks on the result for the user."""
         return self.details.notes
 
     def save(self, path: str | Path) -> Path:
@@ -110,9 +112,10 @@ class Identified:
 
 @dataclass(frozen=True)
 class Simulated:
-    """displacement: (N,) by the model, NaN where the recording lacks what it reads; start: what the
-    stage is taken to have been through before; error: against the measured displacement, None
-    without it. `numpy.asarray` gives the displacement."""
+    """Simulation of a model on a recording. displacement: (N,) predicted by the model, NaN where
+    the recording lacks a value that the model reads; start: the history assumed before the first
+    row; error: against the measured displacement, None without one. `numpy.asarray` returns the
+    displacement."""
 
     displacement: Floats = field(repr=False)
     start: str
@@ -122,30 +125,31 @@ class Simulated:
 
     @property
     def unit(self) -> str:
-        """Of the displacement."""
+        """Unit of the displacement."""
         return self.model.displacement_unit
 
     @property
     def band(self) -> float | None:
-        """Half the width of the band that holds 95 % of the displacement inside the model's
-        validity; None: the model states none."""
+        """Half-width of the band that holds 95 % of the displacement within the model's validity,
+        in the displacement unit; None: the model states none."""
         return self.model.fit.band
 
     @property
     def rms(self) -> float | None:
-        """Of measured minus model over all rows."""
+        """Rms of measured minus model over all rows; None without a measured displacement."""
         return self.error.rms if self.error else None
 
     @cached_property
     def outside(self) -> dict[str, float]:
-        """Share of the rows outside the model's validity, by kind."""
+        """Share of rows outside the model's validity, by kind."""
         return outside_validity(self.model, self.recording)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.displacement, dtype=dtype, copy=True if copy is None else copy)
 
     def save(self, path: str | Path, force: bool = False) -> Path:
-        """Write the recording with the column y_model_<unit>; force: replace a recording."""
+        """Write the recording with the added column y_model_<unit>. force: replace an existing
+        recording."""
         check_outputs([path], [], force)
         one = self.recording
         columns = {one.drive_column: one.drive}
@@ -167,10 +171,11 @@ class Simulated:
 
 @dataclass(frozen=True)
 class Drive:
-    """The drive along a trajectory. t_s, target: (N,), evenly spaced; result: drive, what the model
-    predicts, flags; reason: of the mode; latency_s: by which the stage follows, with a preview;
-    monotone_price: rms distance of the model that is inverted from the given one; reach: least and
-    largest displacement. `numpy.asarray` gives the drive."""
+    """Drive along a trajectory. t_s, target: (N,), evenly spaced; result: drive, predicted
+    displacement and flags; reason: why this mode was chosen; latency_s: time by which the stage
+    lags the target, with a preview; monotone_price: rms difference between the monotone model that
+    is inverted and the given one; reach: least and largest displacement. `numpy.asarray` returns
+    the drive."""
 
     t_s: Floats = field(repr=False)
     target: Floats = field(repr=False)
@@ -183,27 +188,27 @@ class Drive:
 
     @property
     def drive(self) -> Floats:
-        """(N,) in the model's unit of the drive."""
+        """Drive (N,) in the model's drive unit."""
         return self.result.drive
 
     @property
     def predicted(self) -> Floats:
-        """(N,) displacement that the model predicts."""
+        """Displacement (N,) that the model predicts."""
         return self.result.predicted
 
     @property
     def mode(self) -> str:
-        """How the drive was made."""
+        """How the drive was computed."""
         return self.result.mode
 
     @property
     def rms(self) -> float:
-        """Of the predicted error where the target can be reached; NaN: nowhere."""
+        """Rms of the predicted error where the target can be reached; NaN: nowhere."""
         return self.result.rms
 
     @property
     def flagged(self) -> dict[str, int]:
-        """Samples by flag, those that are raised."""
+        """Number of samples for each flag that was raised."""
         flags = self.result.flags
         counts = {name: int(np.count_nonzero(flags & bit)) for bit, name in FLAG_NAMES.items()}
         return {name: count for name, count in counts.items() if count}
@@ -214,7 +219,7 @@ class Drive:
     def save(
         self, path: str | Path, force: bool = False, notes: dict[str, str] | None = None
     ) -> Path:
-        """Write t_s, target, drive, prediction and flags; force: replace a recording."""
+        """Write t_s, target, drive, prediction and flags. force: replace an existing recording."""
         check_outputs([path], [], force)
         unit = self.model.displacement_unit
         columns = {
@@ -234,7 +239,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Validated(Sequence[Validation]):
-    """One validation for each model and recording, models first; names: of the models."""
+    """Validations of every model on every recording, ordered by model. names: of the models."""
 
     names: tuple[str, ...]
     recordings: tuple[Recording, ...] = field(repr=False)
@@ -242,12 +247,12 @@ class Validated(Sequence[Validation]):
 
     @property
     def worse(self) -> bool:
-        """Is a model worse than it claims?"""
+        """Whether any model is worse than it claims."""
         return any(one.worse for one in self.results)
 
     @property
     def rows(self) -> list[tuple[str, Recording, Validation]]:
-        """(model's name, recording, validation)."""
+        """(model name, recording, validation) of each pair."""
         return list(zip(self.names, self.recordings, self.results, strict=True))
 
     def __len__(self) -> int:
@@ -278,32 +283,33 @@ class Validated(Sequence[Validation]):
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """What the model in use leaves out. details: everything that the diagnosis says."""
+    """Physics that the model in use lacks. details: the full diagnosis."""
 
     details: Diagnosis = field(repr=False)
     recordings: tuple[Recording, ...] = field(repr=False)
 
     @property
     def verdict(self) -> str:
-        """clean, explained, partly or unknown."""
+        """One of clean, explained, partly and unknown."""
         return self.details.verdict
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What was left out, strongest first."""
+        """Effects that the model lacks, strongest first."""
         return self.details.findings
 
     @cached_property
     def model(self) -> Model:
-        """The augmented model, with the recordings it was fitted to."""
+        """The augmented model, with the recordings to which it was fitted."""
         return with_provenance(self.details.model, "dehyst diagnose", self.recordings)
 
     def to_dict(self) -> dict[str, Any]:
-        """What diagnosis.json holds."""
+        """Return the content of diagnosis.json."""
         return self.details.to_dict()
 
     def save(self, folder: str | Path) -> Path:
-        """Write diagnosis.json, model.toml and report.html into a folder; the report's path."""
+        """Write diagnosis.json, model.toml and report.html into a folder; return the report's
+        path."""
         from dehyst.daemon.report.diagnosis import report_diagnosis
 
         folder = Path(folder)
@@ -323,7 +329,7 @@ class Diagnosed:
 
 
 def with_provenance(model: Model, source: str, recordings: Sequence[Recording]) -> Model:
-    """The model with the recordings it was fitted to."""
+    """Return the model with the recordings to which it was fitted."""
     made = Provenance(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         version=__version__,

@@ -1,4 +1,4 @@
-"""A trajectory file as the inverse takes it: in the model's unit, evenly spaced, with channels."""
+"""Prepare a trajectory for the inverse: in the model's unit, evenly spaced, with channels."""
 
 import math
 
@@ -10,12 +10,13 @@ from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Floats, Model
 from dehyst.models.recording import AXIS_CHANNEL, Trajectory
 
-EVEN = 1e-3  # largest deviation of a time step from the mean one, as a part of it
+EVEN = 1e-3  # largest deviation of a time step from the median step, as a fraction of it
 SHORTEST_S, MOST_SAMPLES = 1e-6, 20_000_000
 
 
 def target_in_unit(trajectory: Trajectory, model: Model) -> Floats:
-    """Targets in the model's displacement unit. Raises BadRecording where that cannot be."""
+    """Return the targets in the model's displacement unit. Raises BadRecording if they cannot be
+    converted."""
     unit, wanted = trajectory.unit, model.displacement_unit
     if unit == wanted:
         return trajectory.target
@@ -30,7 +31,8 @@ def target_in_unit(trajectory: Trajectory, model: Model) -> Floats:
 def spaced_evenly(
     trajectory: Trajectory, target: Floats, period: float | None
 ) -> tuple[Floats, Floats, float]:
-    """Times and targets spaced evenly, and the period."""
+    """Return evenly spaced times, the targets at these times, and the period [s]; `period` None:
+    the trajectory's own. Raises BadInput on a bad period, BadRecording on uneven times."""
     t_s = trajectory.t_s
     if period is not None:
         if not SHORTEST_S <= period < math.inf:
@@ -58,7 +60,8 @@ def spaced_evenly(
 
 
 def channels_along(trajectory: Trajectory, compensator: Compensator, t_s: Floats) -> Floats | None:
-    """(N, number of channels) values of the model's further channels, from the trajectory."""
+    """Return (N, number of channels) values of the model's further channels along the trajectory;
+    None if the model has none. Raises BadRecording if one is missing."""
     if not compensator.channels:
         return None
     columns = trajectory.channels
