@@ -1,2 +1,2 @@
-"""Files on disk: recordings, trajectories, models. Read with the file named in every error, written
-whole."""
+"""Files on disk: recordings, trajectories, models. Every read error names the file; files are
+written completely or not at all."""

@@ -1,4 +1,5 @@
-"""A file that only grows, and that ends with something whole whatever happens to the disk."""
+"""A file that only grows, and that always ends with a complete record, whatever happens to the
+disk."""
 
 import os
 from contextlib import suppress
@@ -10,11 +11,11 @@ from dehyst.models.errors import BadInput, DehystError
 
 
 class RecordingFailed(DehystError):
-    """The file could not be written further; `after` adds how much of it can be read."""
+    """The file could not be extended; `after` adds how many rows can be read."""
 
     def after(self, rows: int, by: str = "") -> Self:
-        """The same, with how many rows can be read, and by which command where not every program
-        reads them."""
+        """Return the same error with the number of readable rows, and the command that reads them
+        if not every program can."""
         if isinstance(self, RecordingDeleted):
             return self
         how = f", by dehyst {by}" if by and rows else ""
@@ -22,11 +23,11 @@ class RecordingFailed(DehystError):
 
 
 class RecordingDeleted(RecordingFailed):
-    """The file was deleted; nothing of it can be read."""
+    """The file was deleted; none of it can be read."""
 
 
 class AppendedFile:
-    """path: a new file unless `replace`. Raises BadInput where it cannot be made."""
+    """path: a new file unless `replace`. Raises BadInput if it cannot be created."""
 
     def __init__(self, path: Path, replace: bool) -> None:
         self.path = path
@@ -40,9 +41,9 @@ class AppendedFile:
             raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
 
     def write(self, data: bytes, end: bytes = b"", rows: int = 0) -> int:
-        """Append. end: the bytes after which the file may end where not all of `data` can be
-        written; b"": only before or after it; rows: that it holds. Raises RecordingFailed once it
-        is cut to that, or where the file was deleted."""
+        """Append data, and return its length. end: bytes after which the file may be cut if not all
+        of `data` can be written; b"": write all or nothing; rows: that the file holds. Raises
+        RecordingFailed after cutting the file, or if it was deleted."""
         self.require_there(rows)
         left = memoryview(data)
         try:
@@ -51,7 +52,7 @@ class AppendedFile:
         except OSError as error:
             written = data[: len(data) - len(left)]
             self.size += written.rfind(end) + len(end) if end and end in written else 0
-            with suppress(OSError):  # the disk is gone: the reader will name the broken end
+            with suppress(OSError):  # the disk is gone: the reader will report the broken end
                 os.ftruncate(self._file, self.size)
             raise RecordingFailed(
                 f"{self.path}: {error.strerror}; the recording ends here"
@@ -60,20 +61,20 @@ class AppendedFile:
         return len(data)
 
     def require_there(self, rows: int) -> None:
-        """Raise RecordingFailed where nobody can find the file any more. rows: that it held."""
+        """Raise RecordingFailed if the file was deleted. rows: that it held."""
         if self._file >= 0 and os.fstat(self._file).st_nlink == 0:
             lost = f"; its {rows} rows are lost" if rows else ""
             raise RecordingDeleted(f"{self.path}: was deleted while it was written{lost}")
 
     def flush(self) -> None:
-        """Nothing is held back."""
+        """Do nothing: no data is held back."""
 
     def tell(self) -> int:
-        """Where the next bytes go."""
+        """Return the position of the next bytes."""
         return self.size
 
     def close(self) -> None:
-        """Safe to call twice."""
+        """Close the file; safe to call twice."""
         if self._file >= 0:
             os.close(self._file)
             self._file = -1

@@ -1,13 +1,13 @@
-"""What a file of one axis calls the other axes, and what the channels of a recording call them.
+"""Names of other axes in the file of one axis, and in the channels of its recording.
 
     column in a file                        channel of the recording
     axis_y_um, axis_y_nm (displacement)     axis.y
     axis_y_drive_v (drive)                  axis.y.drive
     target_y_um (of a trajectory)           axis.y
 
-The columns have no dot, so that numpy.genfromtxt keeps their names. A channel is in the unit of the
-recording's own displacement or drive; lengths are converted, and a column in a unit that cannot be
-stays a channel of its own name.
+Column names have no dot, so that numpy.genfromtxt keeps them. A channel uses the unit of the
+recording's own displacement or drive: lengths are converted, and a column in a unit that cannot be
+converted keeps its own name as a channel.
 """
 
 import re
@@ -21,14 +21,15 @@ _TARGET = re.compile(r"target_([a-z0-9]{1,8})_([a-z]+)")
 
 
 def axis_column(axis: str, unit: str, drive: bool = False) -> str:
-    """The column of another axis: its displacement, or its drive."""
+    """Return the column name of another axis: of its displacement, or of its drive."""
     return f"axis_{axis}_drive_{unit}" if drive else f"axis_{axis}_{unit}"
 
 
 def to_channels(
     columns: Mapping[str, Floats], displacement_unit: str, drive_unit: str = ""
 ) -> dict[str, Floats]:
-    """Columns as channels by name; those of other axes are `axis.y` and `axis.y.drive`."""
+    """Return columns as channels by name; those of other axes become `axis.y` and
+    `axis.y.drive`."""
     out = {}
     for key, values in columns.items():
         match = _COLUMN.fullmatch(key)
@@ -46,7 +47,8 @@ def to_channels(
 
 
 def targets_as_channels(columns: Mapping[str, Floats], unit: str) -> dict[str, Floats]:
-    """Further columns of a trajectory; the targets of other axes are `axis.y`, in `unit`."""
+    """Return the further columns of a trajectory as channels; targets of other axes become
+    `axis.y`, in `unit`."""
     out = to_channels(columns, unit)
     for key, values in columns.items():
         match = _TARGET.fullmatch(key)
@@ -61,7 +63,7 @@ def targets_as_channels(columns: Mapping[str, Floats], unit: str) -> dict[str, F
 def to_columns(
     channels: Mapping[str, Floats], displacement_unit: str, drive_unit: str
 ) -> dict[str, Floats]:
-    """Channels as columns of a file."""
+    """Return channels as columns of a file."""
     out = {}
     for name, values in channels.items():
         match = AXIS_CHANNEL.fullmatch(name)
@@ -75,7 +77,7 @@ def to_columns(
 
 
 def _factor(unit: str, wanted: str) -> float | None:
-    """By which numbers in one unit become those in the other; None: they are different things."""
+    """Return the factor from one unit to the other; None if they measure different quantities."""
     if unit == wanted:
         return 1.0
     if unit in LENGTHS and wanted in LENGTHS:

@@ -1,18 +1,18 @@
-"""The folder of one mismatch: what the gateway lays there for the doctor, what the doctor finds.
+"""Folder of one mismatch: what the gateway stores for the doctor, and what the doctor finds.
 
-    mismatch-DATE.case/   case.json      what the gateway knows (Case); written last
-                          good.csv       the last good recording, where there is one
-                          flagged.csv    from the flag on
-                          later.csv      what came after it; the offer is tested on it; each of the
-                                         three with what led to it in front (Case.leads)
+    mismatch-DATE.case/   case.json      data from the gateway (Case); written last
+                          good.csv       the last good recording, if there is one
+                          flagged.csv    recorded from the flag on
+                          later.csv      recorded afterwards; the offer is tested on it; each of
+                                         the three files begins with a lead-in (Case.leads)
                           in-use.toml    the model that the loop ran
-                          found/         diagnosis.json, report.html, model.toml: the augmented one
+                          found/         diagnosis.json, report.html, model.toml: augmented model
                           offered.toml   the model that is offered
-                          examined.json  what the doctor says (Examined)
-                          decided.json   what became of its offer (Decided)
+                          examined.json  the doctor's result (Examined)
+                          decided.json   the decision on its offer (Decided)
 
-All JSON is written whole or not at all, and read strictly: a file of another version, or a damaged
-one, is as if it were not there.
+All JSON is written completely or not at all, and parsed strictly: a file of another version, or a
+damaged one, is treated as missing.
 """
 
 import functools
@@ -45,9 +45,9 @@ class _Kept(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class Case(_Kept, frozen=True):
-    """number: of the offer that may come of it; figure: of the mismatch watch; low, high, slew: the
-    drive's limits, in its unit and its unit a second; leads: by file, its first seconds that only
-    lead to what it is about."""
+    """number: of the offer that may follow; figure: of the mismatch watch; low, high, slew: the
+    drive's limits, in its unit and its unit per second; leads: duration of the lead-in of each file
+    [s]."""
 
     number: int
     name: str
@@ -63,7 +63,7 @@ class Case(_Kept, frozen=True):
 
 
 class OfferTest(_Kept, frozen=True):
-    """An offer's test on later telemetry: rms of both models, without their means."""
+    """Result of an offer's test on later telemetry: rms errors of both models, means removed."""
 
     in_use: float
     offered: float
@@ -73,7 +73,7 @@ class OfferTest(_Kept, frozen=True):
 
 
 class Examined(_Kept, frozen=True):
-    """What the doctor says. tested: None: no model is offered."""
+    """The doctor's result. tested: None: no model is offered."""
 
     failed: bool = False
     verdict: str = ""
@@ -89,7 +89,7 @@ class Examined(_Kept, frozen=True):
 
 
 class Decided(_Kept, frozen=True):
-    """What became of an offer, and when."""
+    """Decision on an offer, and its time."""
 
     state: DoctorState
     wall_ns: int
@@ -102,12 +102,12 @@ Kind = Literal["case.json", "examined.json", "decided.json"]
 
 
 def put_record(folder: Path, name: str, record: Case | Examined | Decided) -> None:
-    """Write one of the three. Raises OSError."""
+    """Write one of the three records. Raises OSError."""
     write_text(folder / name, msgspec.json.format(msgspec.json.encode(record)).decode())
 
 
 def get_record(folder: Path, name: str, kind: type[Record]) -> Record | None:
-    """Read one of the three; None: it is not there, or is none."""
+    """Read one of the three records; None if it is missing or invalid."""
     try:
         return msgspec.json.decode(read_text(folder / name, LARGEST_BYTES), type=kind)
     except (NotReadable, msgspec.MsgspecError):
@@ -115,7 +115,7 @@ def get_record(folder: Path, name: str, kind: type[Record]) -> Record | None:
 
 
 def case_folder(recording: Path) -> Path:
-    """The folder that belongs to a kept recording."""
+    """Return the folder that belongs to a kept recording."""
     return recording.with_suffix(SUFFIX)
 
 
@@ -125,8 +125,8 @@ def _say_once(directory: Path, reason: str) -> None:
 
 
 def case_folders(directory: Path) -> list[Path]:
-    """All whose case is complete, the oldest first; none where others may write: a model that is
-    put to work comes from here."""
+    """Return all complete case folders, oldest first; none if others may write to the directory,
+    because a model in use may come from here."""
     try:
         found = sorted(p.parent for p in directory.glob(f"mismatch-*{SUFFIX}/{CASE}"))
     except OSError:
@@ -140,7 +140,7 @@ def case_folders(directory: Path) -> list[Path]:
 
 
 def drop_case(recording: Path) -> None:
-    """A recording makes room, and what was found about it goes with it."""
+    """Delete a recording together with everything that was found about it."""
     recording.unlink(missing_ok=True)
     notes_path(recording).unlink(missing_ok=True)
     shutil.rmtree(case_folder(recording), ignore_errors=True)

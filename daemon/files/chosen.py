@@ -1,8 +1,8 @@
-"""Which model the loop is to run: the configured one, or one that was accepted in its place.
+"""Choose the model that the loop runs: the configured one, or an accepted one in its place.
 
-An accepted model lies in the run folder, with the digest of the configured model that it takes the
-place of. Whoever changes the configured file means that one: the accepted model counts no more.
-The configured file itself is never touched.
+An accepted model is stored in the run folder, with the digest of the configured model that it
+replaces. If the configured file changes, the accepted model is no longer used. The configured file
+itself is never modified.
 """
 
 from pathlib import Path
@@ -25,9 +25,9 @@ LARGEST_BYTES = 4 << 20
 
 class Accepted(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """offer: its number; instead_of: digest of the configured model; model: TOML; before: the
-    accepted model that it took the place of, "" where that was the configured one; trial: not
-    proven yet; model_error, tracking_error, target_steps: rms before, None where nothing moved;
-    begun_wall_ns: when the trial began, 0: not known; tested: what the test promised."""
+    accepted model that it replaced, "" if that was the configured one; trial: not yet confirmed;
+    model_error, tracking_error, target_steps: rms before acceptance, None if nothing moved;
+    begun_wall_ns: when the trial began, 0: not known; tested: result of the offer's test."""
 
     offer: int
     case: str
@@ -46,7 +46,7 @@ resolve_classes(Accepted)
 
 
 def read_accepted(directory: Path) -> Accepted | None:
-    """What was accepted; None: nothing, or nothing that can be read."""
+    """Return the accepted model; None if there is none or it cannot be read."""
     try:
         return msgspec.json.decode(read_text(directory / FILE, LARGEST_BYTES), type=Accepted)
     except (NotReadable, msgspec.MsgspecError):
@@ -54,18 +54,18 @@ def read_accepted(directory: Path) -> Accepted | None:
 
 
 def write_accepted(directory: Path, accepted: Accepted) -> None:
-    """Let this model be the one from the next reload on. Raises OSError."""
+    """Use this model from the next reload on. Raises OSError."""
     write_text(directory / FILE, msgspec.json.encode(accepted).decode())
 
 
 def forget_accepted(directory: Path) -> None:
-    """The configured model again, from the next reload on. Raises OSError."""
+    """Use the configured model again from the next reload on. Raises OSError."""
     (directory / FILE).unlink(missing_ok=True)
 
 
 def choose_model(config: Config) -> tuple[Model, bool, str]:
-    """(the model to run, whether it is an accepted one, what is to be said of that). Raises
-    BadModel where the configured one cannot be read."""
+    """Return (the model to run, whether it is an accepted one, a remark on that). Raises BadModel
+    if the configured model cannot be read."""
     configured = load_model(config.model.file)
     accepted = read_accepted(config.directory)
     if accepted is None:

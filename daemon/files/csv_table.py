@@ -1,7 +1,9 @@
-"""Comma-separated numbers from a file, in blocks: one header line, '#' lines before it as notes.
+"""Read comma-separated numbers from a file in blocks: one header line, preceded by '#' lines as
+notes.
 
-numpy's C reader parses block after block, so memory holds the columns and one block. A block it
-refuses is read again line by line, which either fills empty fields with NaN or names the line.
+numpy's C reader parses block by block, so memory holds the columns and one block. A block that it
+refuses is read again line by line, which either replaces empty fields by NaN or names the faulty
+line.
 """
 
 import gzip
@@ -21,24 +23,24 @@ from dehyst.models.recording import Floats
 BLOCK_BYTES = 8 << 20
 LONGEST_LINE = 1 << 16
 MOST_BYTES = 512 << 20
-"""Of all columns in memory."""
+"""Largest size of all columns in memory."""
 MOST_NOTES = 1000
 TRUSTED_BYTES, MOST_PACKED = 6 << 20, 60
-"""A packed text of numbers becomes five to thirty times its size."""
+"""Limits on unpacking: a text of numbers unpacks to five to thirty times its packed size."""
 MOST_COLUMNS = 256
 LARGEST = 1e15  # beyond this a number is damage, not a measurement; its cube still fits a float
 
 
 @dataclass
 class Table:
-    """Columns by name, each (N,), and what the '#' lines said."""
+    """Columns by name, each (N,), and the notes of the '#' lines."""
 
     columns: dict[str, Floats]
     metadata: dict[str, str]
 
 
 def read_table(path: Path) -> Table:
-    """All columns of a .csv or .csv.gz. Raises BadRecording naming file, line and remedy."""
+    """Return all columns of a .csv or .csv.gz. Raises BadRecording naming file, line and remedy."""
     opener = gzip.open if path.suffix == ".gz" else open
     try:
         with opener(path, "rb") as handle:
@@ -50,12 +52,12 @@ def read_table(path: Path) -> Table:
 
 
 def read_lines(name: str, handle: BinaryIO) -> Table:
-    """All columns of a CSV that is in memory. Raises BadRecording naming line and remedy."""
+    """Return all columns of a CSV that is in memory. Raises BadRecording naming line and remedy."""
     return _read(name, handle, 0)
 
 
 def _require_plausible_size(name: str, handle: BinaryIO, packed: int) -> None:
-    """Unpacking is counted before anything is parsed, which takes far longer."""
+    """Check the unpacked size before anything is parsed, because parsing takes far longer."""
     left = max(TRUSTED_BYTES, MOST_PACKED * packed)
     while block := handle.read(BLOCK_BYTES):
         left -= len(block)
@@ -78,7 +80,7 @@ def _read(name: str, handle: BinaryIO, packed: int) -> Table:
         for j, part in enumerate(parts):
             part.append(np.ascontiguousarray(block[:, j]))
     columns = {}
-    for j, key in enumerate(header):  # one column at a time, so that only one is held twice
+    for j, key in enumerate(header):  # one column at a time, so that memory holds only one twice
         columns[key] = np.concatenate(parts[j]) if parts[j] else np.empty(0)
         parts[j] = []
     return Table(columns, metadata)
@@ -129,7 +131,7 @@ def _header(name: str, handle: BinaryIO) -> tuple[dict[str, str], list[str], int
 
 
 def _blocks(name: str, handle: BinaryIO, line: int) -> Iterator[tuple[int, str]]:
-    """(number of its first line, text) of blocks that end at line ends."""
+    """Yield (number of its first line, text) of blocks that end at line ends."""
     rest = b""
     while True:
         raw = handle.read(BLOCK_BYTES)
@@ -161,7 +163,7 @@ def _parse(name: str, header: list[str], text: str, first_line: int) -> Floats:
         return np.empty((0, len(header)))
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a block that holds nothing but notes
+            warnings.simplefilter("ignore")  # numpy warns about a block that holds only notes
             block = np.loadtxt(io.StringIO(text), delimiter=",", comments="#", ndmin=2)
     except (ValueError, OverflowError):
         return _parse_slowly(name, header, text, first_line)
@@ -214,9 +216,9 @@ def _is_number(text: str) -> bool:
 
 
 def line_of_row(path: Path, row: int) -> int:
-    """The line of the file (from 1) that holds data row `row` (from 0)."""
+    """Return the line of the file (from 1) that holds data row `row` (from 0)."""
     opener = gzip.open if path.suffix == ".gz" else open
-    seen = -2  # the header comes first
+    seen = -2  # the header line is counted before row 0
     with opener(path, "rb") as handle:
         for number, raw in enumerate(cast(BinaryIO, handle), 1):
             if raw.partition(b"#")[0].strip(b" \t\r\n\xef\xbb\xbf"):

@@ -1,5 +1,4 @@
-"""Recordings that a command line names, read as it says; what was understood goes to
-stderr."""
+"""Read the recordings named on a command line; report on stderr how they were interpreted."""
 
 import argparse
 import sys
@@ -20,9 +19,9 @@ def read_given(
     need_displacement: bool = True,
     doubt: bool = True,
 ) -> list[Recording]:
-    """The recordings of these files, also with one name in two folders; several of a file whose
-    clock went back. args: with the options of add_reading; doubt: say where the times may be
-    milliseconds. Raises BadInput."""
+    """Return the recordings in these files, with distinct names if two folders hold the same file
+    name, and several of a file whose clock went back. args: with the options of add_reading; doubt:
+    report times that may be milliseconds. Raises BadInput."""
     reading = reading_of(args)
     out: list[Recording] = []
     for path in paths:
@@ -37,8 +36,8 @@ def read_given(
 
 
 def read_one_given(path: Path, args: argparse.Namespace, min_rows: int = 1) -> Recording:
-    """The one recording of a file; its displacement may be missing. Raises BadInput, also where its
-    clock went back."""
+    """Return the only recording in a file; its displacement may be missing. Raises BadInput, also
+    if its clock went back."""
     recording = read_recording(path, min_rows=min_rows, reading=reading_of(args))
     say_read(recording.read)
     return recording
@@ -50,6 +49,6 @@ def _doubt(recording: Recording) -> str:
 
 
 def say_read(text: str) -> None:
-    """One line on stderr, none where there is nothing to say."""
+    """Print one line on stderr; nothing if the text is empty."""
     if text:
         print(printable(text), file=sys.stderr)

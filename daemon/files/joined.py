@@ -1,4 +1,4 @@
-"""Telemetry of several axes of one loop, brought together sample by sample. Pure."""
+"""Join the telemetry of several axes of one loop sample by sample. Pure."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,9 +10,9 @@ from dehyst.daemon.rings.records import TELEMETRY
 
 
 class JoinedTelemetry:
-    """Holds what has come of each axis until it has come of all: they are sampled at the same
-    moments, and arrive one after the other. It begins with the first moment that all have, and so
-    again where their clock starts anew (a reboot). axes: their names."""
+    """Holds samples of each axis until those of all axes have arrived: the axes are sampled at the
+    same times, but their records arrive one after the other. Output begins with the first time that
+    all axes have, and begins again when their clock restarts (a reboot). axes: their names."""
 
     def __init__(self, axes: Sequence[str]) -> None:
         self._waiting: dict[str, NDArray[Any]] = {axis: np.zeros(0, TELEMETRY) for axis in axes}
@@ -20,7 +20,7 @@ class JoinedTelemetry:
         self._newest_ns: dict[str, int] = dict.fromkeys(axes, -1)
 
     def add(self, axis: str, samples: NDArray[Any]) -> None:
-        """(n,) TELEMETRY records of one axis, ascending."""
+        """Add (n,) TELEMETRY records of one axis, in ascending order."""
         if samples.size:
             if samples["scheduled_ns"][0] <= self._newest_ns[axis]:
                 self._begin_anew()
@@ -35,7 +35,8 @@ class JoinedTelemetry:
         self._first_ns.clear()
 
     def take(self, end: bool = False) -> dict[str, NDArray[Any]]:
-        """What is there of every axis, by axis, and not given before; end: all that is held."""
+        """Return the records that are available for every axis and were not returned before, by
+        axis. end: return all that is held."""
         if len(self._waiting) == 1:
             axis, held = next(iter(self._waiting.items()))
             self._waiting[axis] = held[:0]
@@ -51,7 +52,8 @@ class JoinedTelemetry:
 
 
 def at_the_same_time(samples: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
-    """(n,) records of another axis at the moments of these (n,), NaN where there is none."""
+    """Return (n,) records of another axis at the times of these (n,) samples, NaN where there is
+    none."""
     out = np.zeros(samples.size, TELEMETRY)
     for name in TELEMETRY.names or ():
         if TELEMETRY[name].kind == "f":

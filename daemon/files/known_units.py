@@ -1,10 +1,10 @@
-"""The units that a daemon knows: kept beside its state, compared before a voltage is set.
+"""Units that a daemon knows: stored with its state, and compared before a voltage is set.
 
-    units.json     {"actuator": {...}, "sensor": {...}}: UnitIdentity of devices that can tell it
+    units.json     {"actuator": {...}, "sensor": {...}}: UnitIdentity of devices that can report it
 
-Whoever opens a device of a configuration to move it, or to go by what it reads, opens it here:
-the first time the unit is learned, from then on another one is refused (ForeignUnit) before
-anything is set on it. `dehyst config pin` learns anew.
+Code that opens a configured device to move it, or to act on its readings, opens it here. The unit
+is recorded the first time; afterwards another unit is refused (ForeignUnit) before anything is set
+on it. `dehyst config pin` records it again.
 """
 
 import os
@@ -28,13 +28,15 @@ resolve_classes(UnitIdentity)
 
 
 def units_file(config: Config) -> Path:
-    """Where the units of an axis are kept: with its cases, or in the run folder."""
+    """Return the file in which the units of an axis are kept: next to its cases, or in the run
+    folder."""
     folder = config.watch_directory if config.watch.directory else config.directory
     return folder / FILE
 
 
 def read_units(config: Config) -> dict[str, UnitIdentity]:
-    """The known units by device; empty: none yet. Raises BadInput where they cannot be read."""
+    """Return the known units by device; empty if none is known yet. Raises BadInput if they cannot
+    be read."""
     path = units_file(config)
     try:
         found = os.lstat(path)
@@ -54,7 +56,7 @@ def read_units(config: Config) -> dict[str, UnitIdentity]:
 
 
 def write_units(config: Config, units: dict[str, UnitIdentity]) -> None:
-    """Keep these. Raises NotNow where there is no place for them, BadInput for a bad run folder."""
+    """Store these units. Raises NotNow if they cannot be written, BadInput for a bad run folder."""
     path = units_file(config)
     try:
         if path.parent == config.directory:
@@ -66,22 +68,23 @@ def write_units(config: Config, units: dict[str, UnitIdentity]) -> None:
 
 
 def forget_unit(config: Config, which: str) -> None:
-    """The next one that is opened is learned. which: ACTUATOR or SENSOR."""
+    """Forget a unit, so that the next one opened is recorded. which: ACTUATOR or SENSOR."""
     known = read_units(config)
     if known.pop(which, None) is not None:
         write_units(config, known)
 
 
 def expect_known(config: Config, which: str, device: Any) -> None:
-    """Before the device is opened: none but the known unit. which: ACTUATOR or SENSOR."""
+    """Make the device accept only the known unit; call before it is opened. which: ACTUATOR or
+    SENSOR."""
     known = read_units(config).get(which)
     if known is not None and isinstance(device, Identifiable):
         device.expect(known)
 
 
 def open_known(config: Config, which: str, device: Any) -> None:
-    """Open a device of an axis; the first time its unit is learned. Raises what open() and the
-    reading of what is known raise; the device is closed then."""
+    """Open a device of an axis, and record its unit the first time. Raises the errors of open() and
+    of reading the known units; the device is then closed."""
     expect_known(config, which, device)
     device.open()
     try:

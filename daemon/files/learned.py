@@ -1,4 +1,4 @@
-"""What was learned of a trajectory, on disk: JSON, for one model and one trajectory only."""
+"""Learned correction of a trajectory on disk: JSON, valid for one model and one trajectory only."""
 
 import hashlib
 from pathlib import Path
@@ -16,8 +16,8 @@ LARGEST_BYTES = 1 << 28
 
 
 class Learned(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The file. model, trajectory: digests of what it belongs to; correction: one number a period
-    of the loop, added to the target, in `unit`."""
+    """The file. model, trajectory: digests of those it belongs to; correction: one number per
+    period of the loop, added to the target, in `unit`."""
 
     format: int = 1
     model: str
@@ -32,14 +32,14 @@ resolve_classes(Learned)
 
 
 def trajectory_digest(target: Floats, period_s: float) -> str:
-    """The digest of a pass at the loop's period: 16 letters."""
+    """Return the digest of one pass at the loop's period: 16 characters."""
     data = np.asarray(target, "<f8").tobytes() + np.float64(period_s).tobytes()
     return hashlib.sha256(data).hexdigest()[:16]
 
 
 def read_learned(path: Path, model: str, trajectory: str, unit: str, n: int) -> Floats | None:
-    """The correction (n,) in a file; None where there is none yet. Raises BadInput for a file that
-    is none, or belongs to another model or trajectory."""
+    """Return the correction (n,) in a file; None if the file does not exist yet. Raises BadInput if
+    the file is not a correction, or belongs to another model or trajectory."""
     if not path.exists():
         return None
     try:
@@ -64,7 +64,7 @@ def read_learned(path: Path, model: str, trajectory: str, unit: str, n: int) -> 
 
 
 def write_learned(path: Path, learned: Learned) -> None:
-    """Put it there, whole or not at all. Raises BadInput."""
+    """Write the file, completely or not at all. Raises BadInput."""
     try:
         with whole_file(path) as file:
             file.write(msgspec.json.encode(learned))

@@ -1,7 +1,7 @@
-"""The columns in a file, whatever its kind, by the names that recordings have.
+"""Load the columns of a file of any kind, under the names that recordings use.
 
-A file of dehyst's own is read as it is; one of another program is understood first (see
-dehyst.daemon.files.foreign), and what was understood is said.
+A file in dehyst's own format is read as it is; a file of another program is interpreted first (see
+dehyst.daemon.files.foreign), and the interpretation is reported.
 """
 
 import gzip
@@ -44,8 +44,9 @@ UNDERSTOOD = ("t", "u")
 
 @dataclass
 class Loaded:
-    """columns: by name, each (N,); notes: the file's own; said: what was understood, "": it is a
-    file of dehyst's own; seconds: whether `t_s` was surely seconds; where: a row's place."""
+    """columns: by name, each (N,); notes: from the file; said: how the file was interpreted, "" for
+    a file in dehyst's own format; seconds: whether `t_s` is certainly in seconds; where: describes
+    the place of a row."""
 
     columns: dict[str, Floats]
     notes: dict[str, str]
@@ -54,16 +55,16 @@ class Loaded:
     where: Callable[[int], str] = field(default=lambda row: f"sample {row}")
 
 
-@np.errstate(all="ignore")  # damaged numbers overflow; none of it is for the screen
+@np.errstate(all="ignore")  # damaged numbers overflow; these warnings must not reach the screen
 def load_columns(
     path: Path,
     reading: ReadOptions = AS_IT_IS,
     unfinished: bool = False,
     wants: Sequence[str] = UNDERSTOOD,
 ) -> Loaded:
-    """All columns of a file. unfinished: what is whole of one whose writer was killed or met a full
-    disk; wants: of t, u, y, target, what has to be found in a file of another program. Raises
-    BadRecording, one line."""
+    """Return all columns of a file. unfinished: read the complete part of a file whose writer was
+    killed or found the disk full; wants: which of t, u, y, target must be found in a file of
+    another program. Raises BadRecording with a one-line message."""
     name = path.name
     if len(name) > 255 or len(str(path)) > 4095:
         raise BadRecording(f"{name[:60]}...: the name is too long for a file")
@@ -100,9 +101,9 @@ def load_columns(
 
 
 def is_own(path: Path, wants: Sequence[str] = ("t",)) -> bool:
-    """Whether a CSV begins as dehyst writes it: a header with the wanted columns by their own names
-    between commas, and as many numbers in the next line. Anything that cannot be read counts as
-    such: read_table says why."""
+    """Return whether a CSV begins as dehyst writes it: a comma-separated header with the wanted
+    columns under their own names, and as many numbers in the next line. A file that cannot be read
+    counts as own, so that read_table reports the reason."""
     try:
         opener = gzip.open if path.suffix.lower() == ".gz" else open
         with opener(path, "rb") as file:
@@ -122,7 +123,7 @@ def is_own(path: Path, wants: Sequence[str] = ("t",)) -> bool:
 
 
 def _first_lines(file: BinaryIO) -> list[str]:
-    """The header and the line after it."""
+    """Return the header and the line after it."""
     out: list[str] = []
     for _ in range(1000):
         raw = file.readline(LONGEST_LINE)
@@ -139,7 +140,7 @@ def _first_lines(file: BinaryIO) -> list[str]:
 def understand_columns(
     name: str, arrays: Mapping[str, Any], reading: ReadOptions, wants: Sequence[str]
 ) -> Loaded:
-    """Columns that are in memory already, by name."""
+    """Interpret columns that are already in memory, by name."""
     if "t_s" in arrays and not reading:
         return Loaded(plain_columns(name, arrays), {})
     found = found_in(((key, "", _numbers(values)) for key, values in arrays.items()), {})
@@ -151,7 +152,7 @@ def _numbers(values: Any) -> Any:
 
 
 def _understood(path: Path, found: Sheet, reading: ReadOptions, wants: Sequence[str]) -> Loaded:
-    for column in found.columns:  # named in a line of text, and by --columns as shown there
+    for column in found.columns:  # shown in messages, and given to --columns as shown
         column.heading, column.unit = printable(column.heading), printable(column.unit)
     found.said = [printable(text) for text in found.said]
     found = of_one_length(found, [str(v) for v in reading.columns.values()])
@@ -212,8 +213,8 @@ def _read_npz(path: Path) -> dict[str, Any]:
 
 
 def _carefully(path: Path, kind: str, read: Callable[[], Any]) -> Any:
-    """What numpy reads: a damaged file breaks it, zipfile, zlib, ast and tokenize in ways of their
-    own, and makes them warn."""
+    """Call a numpy reader and turn every failure into BadRecording: a damaged file raises different
+    exceptions in numpy, zipfile, zlib, ast and tokenize, and causes warnings."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -226,7 +227,7 @@ def _carefully(path: Path, kind: str, read: Callable[[], Any]) -> Any:
 
 
 def plain_columns(name: str, arrays: Mapping[str, Any]) -> dict[str, Floats]:
-    """Arrays of numbers as columns of one length. Raises BadRecording."""
+    """Return arrays of numbers as columns of equal length. Raises BadRecording."""
     columns: dict[str, Floats] = {}
     for given, values in arrays.items():
         key = printable(given)

@@ -1,9 +1,10 @@
-"""Recordings as MCAP, which Foxglove and PlotJuggler open: one topic, one message a row, JSON with
-its schema in the file. Numbers are written as Python writes them, so that reading gives the same
-bits; a missing value is not in its message.
+"""Recordings as MCAP, which Foxglove and PlotJuggler open: one topic, one message per row, JSON
+with its schema in the file. Numbers are written as Python prints them, so that reading returns the
+same bits; a missing value is omitted from its message.
 
-The schema says "number" and nothing else: Foxglove takes no list of types, and only 32 bits of an
-"integer". MCAP's times are whole nanoseconds since an epoch: the `started` of the notes, else 1970.
+The schema uses only the type "number": Foxglove accepts no list of types, and only 32 bits of an
+"integer". MCAP times are whole nanoseconds since an epoch: `started` from the notes, otherwise
+1970.
 """
 
 import json
@@ -29,14 +30,15 @@ NS = 1_000_000_000
 MOST_ROWS, MOST_RECORD_BYTES = 20_000_000, 256 << 20
 CHUNK_BYTES, BLOCK_ROWS = 256 << 10, 65_536
 HELD_S = 2.0
-"""Of a recording's time, at most, in rows that are not in the file yet."""
+"""Longest recorded time in rows that are not yet in the file."""
 MAGIC = b"\x89MCAP0\r\n"
 
 
 class McapRows:
     """A recording that grows in chunks: see dehyst.daemon.files.rows.Rows.
 
-    file: what the bytes go to; names: of the columns, `t_s` first; notes: into the file's metadata.
+    file: receives the bytes; names: of the columns, `t_s` first; notes: stored in the file's
+    metadata.
     """
 
     full = False
@@ -47,7 +49,7 @@ class McapRows:
         names: Sequence[str],
         notes: Mapping[str, str],
     ) -> None:
-        from mcap.writer import Writer  # only who asks for such files waits for it
+        from mcap.writer import Writer  # imported here: only MCAP files need it
 
         self.rows = self._in_file = 0
         self._file, self._failed = file, False
@@ -65,7 +67,7 @@ class McapRows:
 
     @property
     def size(self) -> int:
-        """Bytes that have been written."""
+        """Bytes written so far."""
         return self._file.tell()
 
     def add(self, columns: Sequence[NDArray[Any]]) -> None:
@@ -105,7 +107,7 @@ class McapRows:
                 raise failed.after(self.rows, "convert --unfinished") from None
 
     def close(self) -> None:
-        """Finish and close."""
+        """Finish and close the file."""
         try:
             self.finish()
             if isinstance(self._file, AppendedFile):
@@ -115,7 +117,7 @@ class McapRows:
 
 
 def write_mcap(file: BinaryIO, table: Mapping[str, Any], notes: Mapping[str, str]) -> None:
-    """Columns (name with unit -> (N,) values, `t_s` first) and notes into an open file."""
+    """Write columns (name with unit -> (N,) values, `t_s` first) and notes into an open file."""
     rows = McapRows(file, list(table), notes)
     columns = [np.asarray(column) for column in table.values()]
     for start in range(0, columns[0].size, BLOCK_ROWS):
@@ -124,7 +126,7 @@ def write_mcap(file: BinaryIO, table: Mapping[str, Any], notes: Mapping[str, str
 
 
 def _schema(names: Sequence[str]) -> dict[str, Any]:
-    """The row's schema: every column is a number."""
+    """Return the row's schema: every column is a number."""
     kinds = {name: {"type": "number", "description": name} for name in names}
     return {"title": NAME, "type": "object", "properties": kinds}
 
@@ -137,9 +139,9 @@ def _start_ns(notes: Mapping[str, str]) -> int:
 
 
 def read_mcap(path: Path, unfinished: bool = False) -> tuple[dict[str, Floats], dict[str, str]]:
-    """(columns by name, notes) of the one topic of JSON numbers in a file. Without `t_s` in the
-    messages it is the log time, from the first one. unfinished: of a file whose writer did not
-    come to its end, what is whole. Raises BadRecording naming file and remedy."""
+    """Return (columns by name, notes) of the one topic of JSON numbers in a file. If the messages
+    hold no `t_s`, it is the log time, counted from the first message. unfinished: read the complete
+    part of a file whose writer did not finish. Raises BadRecording naming file and remedy."""
     from mcap.exceptions import McapError
     from zstandard import ZstdError
 
@@ -152,7 +154,7 @@ def read_mcap(path: Path, unfinished: bool = False) -> tuple[dict[str, Floats], 
         raise
     except OSError as error:
         raise BadRecording(f"{path}: cannot be read: {error.strerror or error}") from None
-    # a damaged file breaks the library, its decompressors and the JSON in ways of their own
+    # a damaged file raises different exceptions in the library, its decompressors and JSON
     except (
         McapError,
         ZstdError,
@@ -224,7 +226,7 @@ def _read_messages(
 
 
 def _require_end(path: Path, file: BinaryIO, unfinished: bool) -> None:
-    """BadRecording where the file begins like an MCAP file and does not end like one."""
+    """Raise BadRecording if the file begins like an MCAP file but does not end like one."""
     begins = file.read(len(MAGIC)) == MAGIC
     file.seek(max(0, path.stat().st_size - len(MAGIC)))
     ends = file.read() == MAGIC

@@ -1,4 +1,5 @@
-"""Model files on disk: read with the file named in every error, written whole or not at all."""
+"""Model files on disk: every read error names the file; files are written completely or not at
+all."""
 
 import os
 from pathlib import Path
@@ -13,9 +14,10 @@ LARGEST_BYTES = 2 << 20
 
 
 def load_model(path: str | Path) -> Model:
-    """The model in a TOML file, or a shipped one by name ("paper-eq12").
+    """Return the model in a TOML file, or a shipped one by name ("paper-eq12").
 
-    A file of that name wins over the shipped model. Raises BadModel naming file and key.
+    A file of that name takes precedence over the shipped model. Raises BadModel naming file and
+    key.
     """
     path = Path(path)
     if str(path) in SHIPPED and not path.exists():
@@ -38,7 +40,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def save_model(model: Model, path: str | Path) -> None:
-    """Write a model as TOML, atomically. Raises BadModel when the place cannot be written."""
+    """Write a model as TOML, atomically. Raises BadModel if the file cannot be written."""
     try:
         write_text(path, dumps(model))
     except OSError as error:

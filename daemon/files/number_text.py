@@ -1,4 +1,4 @@
-"""Numbers as text from which reading makes the same bits."""
+"""Convert numbers to text that reads back to the same bits."""
 
 from typing import Any
 
@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 
 def number_texts(column: NDArray[Any], missing: str, finite: bool = False) -> list[str]:
-    """Each of (n,) numbers as Python writes it; `missing` for NaN, with `finite` for inf too."""
+    """Return each of (n,) numbers as Python prints it; `missing` for NaN, and with `finite` also
+    for inf."""
     if column.dtype.kind == "b":
         column = column.astype(np.uint8)
     if finite and column.dtype.kind == "f":

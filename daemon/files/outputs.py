@@ -1,8 +1,8 @@
-"""Where results go: nothing of the user's is lost.
+"""Write results without losing anything of the user's.
 
-An output never replaces an input, by whatever name or link; an existing recording is replaced only
-where the user said so; what is not an ordinary file is not written to. A file appears complete or
-not at all: it is written under a name of its own, flushed to the disk, and then renamed.
+An output never replaces an input, under any name or link; an existing recording is replaced only if
+the user asked for it; only ordinary files are written to. A file appears complete or not at all: it
+is written under a temporary name, flushed to disk, and then renamed.
 """
 
 import argparse
@@ -20,7 +20,7 @@ RECORDINGS = (".csv", ".csv.gz", ".npz", ".mat", ".mcap")
 
 
 def add_force(parser: argparse.ArgumentParser) -> None:
-    """--force."""
+    """Add the --force option."""
     parser.add_argument(
         "--force", action="store_true", help="replace an existing recording (never an input)"
     )
@@ -29,7 +29,8 @@ def add_force(parser: argparse.ArgumentParser) -> None:
 def check_outputs(
     outputs: Iterable[str | Path | None], inputs: Iterable[str | Path | None], force: bool
 ) -> None:
-    """BadInput where writing would lose something. None among the paths: not given."""
+    """Raise BadInput if writing would destroy something. A path of None is an option that was not
+    given."""
     read = [Path(path) for path in inputs if path]
     written: list[Path] = []
     for output in outputs:
@@ -48,7 +49,7 @@ def check_outputs(
 
 
 def check_place(path: Path) -> None:
-    """BadInput where a file cannot go there: no such folder, a folder, a device."""
+    """Raise BadInput if the path exists but is not an ordinary file."""
     if path.exists() and not path.is_file():
         raise BadInput(f"{path}: cannot be written: it is not an ordinary file")
 
@@ -62,8 +63,8 @@ def _same(path: Path, other: Path) -> bool:
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[BinaryIO]:
-    """A file to write bytes into that takes its name when it is complete. Raises OSError; nothing
-    is left behind then."""
+    """Open a file for writing bytes; it gets its name when it is complete. Raises OSError, and then
+    leaves nothing on disk."""
     path = Path(path)
     check_place(path)
     part = path.with_name(f".{path.name[:200]}.{secrets.token_hex(6)}.part")
@@ -82,7 +83,7 @@ def whole_file(path: str | Path) -> Iterator[BinaryIO]:
 
 
 def file_of_axis(path: Path, axis: str) -> Path:
-    """The file of one of several axes: scan.json, scan-x.json."""
+    """Return the file name for one of several axes: scan.json, scan-x.json."""
     if not axis:
         return path
     head, dot, suffix = path.name.partition(".")

@@ -1,7 +1,8 @@
-"""Recordings of weeks: numbered pieces one behind the other, of which the oldest give way.
+"""Recordings over weeks: consecutive numbered pieces, of which the oldest are deleted.
 
-NAME.csv becomes NAME-00001.csv, NAME-00002.csv, ...; the numbers go on behind those that are there,
-so that nothing is replaced. `t_s` goes on from piece to piece, and no sample is lost between two.
+NAME.csv becomes NAME-00001.csv, NAME-00002.csv, ...; numbering continues after the existing pieces,
+so nothing is replaced. `t_s` continues from piece to piece, and no sample is lost between two
+pieces.
 """
 
 import math
@@ -16,14 +17,14 @@ from dehyst.models.errors import BadInput
 SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 BYTES = {"kB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
 RESERVE_BYTES, RESERVE_SHARE = 1 << 20, 0.03
-"""Of a piece that grows: what is held back until a block is full, and an .mcap's index."""
+"""Reserve for a growing piece: a block that is not yet written, and the index of an .mcap."""
 LEAST_KEPT = 8 << 20
 
 
 @dataclass(frozen=True)
 class Rotation:
-    """When the next piece begins, and how many bytes all pieces may take on the disk together;
-    inf: no bound. earlier: pieces of earlier recordings of this name may give way too."""
+    """When the next piece begins, and how many bytes all pieces together may take on disk; inf: no
+    limit. earlier: pieces of earlier recordings of this name may be deleted too."""
 
     every_s: float = math.inf
     every_bytes: float = math.inf
@@ -31,13 +32,13 @@ class Rotation:
     earlier: bool = False
 
     def due(self, seconds: float, size: int) -> bool:
-        """Whether a piece that has run so long and is so large is complete."""
+        """Return whether a piece of this duration [s] and size [bytes] is complete."""
         most = min(self.every_bytes, self.keep_bytes / 2 - RESERVE_BYTES)
         return seconds >= self.every_s or size >= most
 
 
 def parse_rotation(every: str, keep: str | None, earlier: bool) -> Rotation:
-    """What `--rotate 1h` or `--rotate 500MB`, and `--keep 20GB` mean. Raises BadInput."""
+    """Parse `--rotate 1h` or `--rotate 500MB`, and `--keep 20GB`. Raises BadInput."""
     amount, unit = _amount("--rotate", every, SECONDS | BYTES)
     keep_bytes = math.inf
     if keep is not None:
@@ -61,9 +62,10 @@ def _amount(option: str, text: str, units: dict[str, float]) -> tuple[float, str
 
 
 class Pieces:
-    """The files of one recording. path: NAME with its suffix; no rotation: one file of that name.
+    """Files of one recording. path: NAME with its suffix; without rotation, one file of that name.
 
-    made: the pieces that are there, oldest first; dropped: how many gave way."""
+    made: existing pieces, oldest first; dropped: how many were deleted.
+    """
 
     def __init__(self, path: Path, rotation: Rotation | None) -> None:
         self.rotation = rotation
@@ -76,10 +78,10 @@ class Pieces:
         self._number = max(found, default=0)
         earlier = rotation is not None and rotation.earlier
         self.made = [found[number] for number in sorted(found)] if earlier else []
-        self._sizes = [_size(path) for path in self.made]  # of those that are complete
+        self._sizes = [_size(path) for path in self.made]  # of the complete pieces
 
     def _found(self) -> dict[int, Path]:
-        """Pieces of this name that are in the folder, by number."""
+        """Return the pieces of this name in the folder, by number."""
         shape = re.compile(re.escape(self._stem) + r"-(\d{5,})" + re.escape(self._suffix))
         try:
             names = [path.name for path in self._path.parent.iterdir()]
@@ -89,7 +91,7 @@ class Pieces:
         return {int(found[1]): self._path.with_name(found[0]) for found in matches}
 
     def next(self) -> Path:
-        """The path of the next piece, which counts as made."""
+        """Return the path of the next piece, and count it as made."""
         path = self._path
         if len(self._sizes) < len(self.made):
             self._sizes.append(_size(self.made[-1]))
@@ -100,8 +102,8 @@ class Pieces:
         return path
 
     def hold_to_bound(self, growing: int) -> None:
-        """Delete the oldest pieces until all of them, with the newest of so many bytes counted
-        generously, are within the bound; the newest is never deleted."""
+        """Delete the oldest pieces until all pieces together are within the limit. growing: size of
+        the newest piece [bytes], to which a reserve is added; the newest is never deleted."""
         if self.rotation is None:
             return
         total = sum(self._sizes) + RESERVE_BYTES + (1 + RESERVE_SHARE) * growing
@@ -114,7 +116,7 @@ class Pieces:
 
 
 def _size(path: Path) -> int:
-    """Of a piece and its notes, bytes."""
+    """Return the size of a piece and its notes [bytes]."""
     size = 0
     for one in (path, notes_path(path)):
         with suppress(OSError):

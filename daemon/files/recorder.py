@@ -1,12 +1,13 @@
-"""Telemetry into a recording as it comes: .csv, .csv.gz, .npz or .mcap, in one file or in pieces.
+"""Write telemetry to a recording as it arrives: .csv, .csv.gz, .npz or .mcap, in one file or in
+pieces.
 
-Row by row: `t_s` (the sample's deadline, from the first one), the drive in the model's unit, the
-measured displacement, the target, what trim and learning added to it, whether the deadline was
-missed, the flags (dehyst.daemon.rings.records.Flag). A reading is taken before its sample's voltage
-is written, so the drive beside it is the one written a sample before: the drive that was in force.
+Columns: `t_s` (the sample's deadline, counted from the first one), the drive in the model's unit,
+the measured displacement, the target, what trim and learning added to it, whether the deadline was
+missed, the flags (dehyst.daemon.rings.records.Flag). A reading is taken before the voltage of its
+sample is written, so its row holds the voltage written one sample earlier: the drive in force.
 Displacements count from the set-point origin, or from the model's own zero with frame "model".
-Missing readings and targets are empty; missing samples are missing rows. Of the controller's other
-axes, the displacement (from the same kind of zero) and the drive in force go beside it.
+Missing readings and targets are empty; missing samples are missing rows. Displacement (from the
+same kind of zero) and drive in force of the controller's other axes are further columns.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +30,7 @@ NO_OTHERS: Mapping[str, NDArray[Any]] = {}
 
 @dataclass(frozen=True)
 class OtherAxis:
-    """Another axis of the controller: its name, actuator volts per drive unit, its units; origin:
+    """Another axis of the controller: its name, actuator volts per drive unit, and units; origin:
     added to its displacements."""
 
     name: str
@@ -40,12 +41,13 @@ class OtherAxis:
 
 
 class Recorder:
-    """Appends TELEMETRY records to a recording; use with `with`. The file is made with the first.
+    """Appends TELEMETRY records to a recording; use with `with`. The file is created with the first
+    record.
 
-    path: the file, a new one unless `replace`; gain: actuator volts per drive unit; units:
-    (drive, displacement); origin: added to displacements; metadata: notes, to which `started` is
-    added; rotation: write numbered pieces instead; others: axes whose samples come with each `add`.
-    Raises BadInput on a kind that is not written.
+    path: the file, which must not exist unless `replace`; gain: actuator volts per drive unit;
+    units: (drive, displacement); origin: added to displacements; metadata: notes, to which
+    `started` is added; rotation: write numbered pieces instead; others: axes whose samples are
+    passed with each `add`. Raises BadInput on a kind that cannot be written.
     """
 
     def __init__(
@@ -65,7 +67,7 @@ class Recorder:
         self.time_s = float("nan")  # of the newest row
         self.pieces = Pieces(path, rotation)
         self._first_ns: int | None = None
-        # the newest sample: its voltage is the next row's drive; and those of the other axes
+        # newest sample, whose voltage is the next row's drive; below, those of the other axes
         self._before: Any = None
         self._others = others
         self._others_before: dict[str, Any] = {}
@@ -86,7 +88,7 @@ class Recorder:
 
     @property
     def rows(self) -> int:
-        """Samples that were written."""
+        """Samples written so far."""
         return self._complete_rows + (self._piece.rows if self._piece is not None else 0)
 
     def __enter__(self) -> Self:
@@ -98,7 +100,7 @@ class Recorder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._first_ns is None and error is None:  # nothing came: the header alone
+        if self._first_ns is None and error is None:  # no sample arrived: write only the header
             self._begin_piece(0.0)
         self._end_piece()
 
@@ -109,11 +111,11 @@ class Recorder:
         wall_offset_ns: int = 0,
         others: Mapping[str, NDArray[Any]] = NO_OTHERS,
     ) -> bool:
-        """Append (n,) TELEMETRY records, ascending, up to and without the time until_s; True when
-        that time has come. wall_offset_ns: wall clock minus their clock, 0 where it is not known;
-        others: (n,) records of the other axes at the same moments.
-        Raises BadInput where the file cannot be made, RecordingFailed when the disk is full or
-        gone; the file then ends with something whole."""
+        """Append (n,) TELEMETRY records, ascending, up to but excluding the time until_s; return
+        True once that time is reached. wall_offset_ns: wall clock minus the records' clock, 0 if
+        not known; others: (n,) records of the other axes at the same times. Raises BadInput if the
+        file cannot be created, RecordingFailed if the disk is full or gone; the file then ends with
+        a complete row."""
         if not samples.size:
             return False
         if self._first_ns is None:
@@ -160,7 +162,7 @@ class Recorder:
         return done
 
     def _append(self, columns: Columns) -> None:
-        """Into the piece, and into the next one behind the place where that begins."""
+        """Write to the current piece, and to the next ones after each rotation time."""
         t_s, rotation = columns[0], self.pieces.rotation
         while True:
             if self._piece is None:
@@ -203,8 +205,8 @@ class Recorder:
 
     @staticmethod
     def _drive(samples: NDArray[Any], before: Any, gain: float) -> NDArray[np.float64]:
-        """Drive in force at each reading: the voltage of the sample before, NaN after a gap.
-        before: the record before these."""
+        """Return the drive in force at each reading: the voltage of the previous sample, NaN after
+        a gap. before: the record preceding these."""
         out = np.full(samples.size, np.nan)
         out[1:] = samples["volts"][:-1]
         out[1:][np.diff(samples["seq"]) != 1] = np.nan

@@ -1,12 +1,12 @@
-"""Recordings and trajectories on disk, of any kind that is read; written as .csv, .csv.gz, .npz and
-.mcap; and from arrays by name.
+"""Read recordings and trajectories from files of all supported kinds or from arrays by name; write
+them as .csv, .csv.gz, .npz and .mcap.
 
-Column names carry the units: `t_s`, the drive `u_v` (or `u_um`, ...), the displacement `y_um`
-(or `y_nm`, `y_v`, `y_counts`, ...), anything else is kept as a further channel, other axes of the
-stage (`axis_y_um`, see axis_columns.py) as `axis.y`. Empty fields and
-NaN are missing samples; they stay missing. Files of other programs are understood first (see
-loading.py); what was understood is in the recording's `read`, and in the notes of what `dehyst
-convert` writes. Every damaged file ends in one BadRecording line.
+Column names carry the units: `t_s`, the drive `u_v` (or `u_um`, ...), the displacement `y_um` (or
+`y_nm`, `y_v`, `y_counts`, ...). Any other column is kept as a further channel; other axes of the
+stage (`axis_y_um`, see axis_columns.py) become `axis.y`. Empty fields and NaN are missing samples,
+and stay missing. Files of other programs are interpreted first (see loading.py); the interpretation
+is kept in the recording's `read` and in the notes that `dehyst convert` writes. Every damaged file
+raises BadRecording with a one-line message.
 """
 
 import gzip
@@ -33,7 +33,7 @@ from dehyst.models.recording import Floats, Recording, Trajectory
 
 WRITTEN = (".csv", ".csv.gz", ".npz", ".mcap")
 READ = "read"
-"""The note that says how a file of another program was understood."""
+"""Key of the note that says how a file of another program was interpreted."""
 __all__ = ["SUFFIXES", "WRITTEN"]
 
 
@@ -44,12 +44,12 @@ def read_recording(
     min_rows: int = 2,
     reading: ReadOptions = AS_IT_IS,
 ) -> Recording:
-    """The recording in a file.
+    """Return the recording in a file.
 
-    need_displacement: a file without a `y_...` column is refused. min_rows: fewer are refused.
-    reading: how to understand a file of another program.
-    Raises BadRecording, one line that names the file, the line or column, and the remedy; also
-    where the clock went back, so that there are several recordings in it.
+    need_displacement: refuse a file without a `y_...` column. min_rows: refuse a file with fewer
+    rows. reading: how to interpret a file of another program. Raises BadRecording with one line
+    that names the file, the line or column, and the remedy; also if the clock went back, so that
+    the file holds several recordings.
     """
     parts = read_recordings(
         path, need_displacement=need_displacement, min_rows=min_rows, reading=reading
@@ -66,7 +66,8 @@ def read_recordings(
     min_rows: int = 2,
     reading: ReadOptions = AS_IT_IS,
 ) -> list[Recording]:
-    """As read_recording, and several where the clock went back in the file: it is cut there."""
+    """Like read_recording, but return several recordings if the clock went back: the file is cut
+    there."""
     path = Path(path)
     wants = ("t", "u", "y") if need_displacement else ("t", "u")
     loaded = load_columns(path, reading, wants=wants)
@@ -88,7 +89,8 @@ def recording_of(
     min_rows: int = 2,
     reading: ReadOptions = AS_IT_IS,
 ) -> Recording:
-    """The recording in arrays (N,) by column name, as `read_recording` has it from a file."""
+    """Return the recording in arrays (N,) by column name, as `read_recording` returns it from a
+    file."""
     wants = ("t", "u", "y") if need_displacement else ("t", "u")
     loaded = understand_columns(name, columns, reading, wants)
     parts = _recordings(name, loaded, need_displacement, min_rows, reading)
@@ -150,10 +152,10 @@ def _say(name: str, loaded: Loaded, times: Times, doubt: str) -> str:
 def read_trajectory(
     path: str | Path, *, min_rows: int = 1, column: str = "", reading: ReadOptions = AS_IT_IS
 ) -> Trajectory:
-    """The trajectory in a file with the columns `t_s` and `target_um` (or another unit).
+    """Return the trajectory in a file with the columns `t_s` and `target_um` (or another unit).
 
-    column: take this one instead, its name ends in the unit (`y_um`).
-    Raises BadRecording as read_recording does, and when a target is missing somewhere.
+    column: use this column instead; its name ends in the unit (`y_um`). Raises BadRecording like
+    read_recording, and if a target is missing.
     """
     path = Path(path)
     loaded = load_columns(path, reading, wants=("t",) if column else ("t", "target"))
@@ -161,7 +163,8 @@ def read_trajectory(
 
 
 def trajectory_of(columns: Mapping[str, Any], name: str, *, min_rows: int = 1) -> Trajectory:
-    """The trajectory in arrays (N,) by column name, as `read_trajectory` has it from a file."""
+    """Return the trajectory in arrays (N,) by column name, as `read_trajectory` returns it from a
+    file."""
     loaded = understand_columns(name, columns, AS_IT_IS, ("t", "target"))
     return _trajectory(name, loaded, min_rows, "")
 
@@ -193,8 +196,8 @@ def _trajectory(name: str, loaded: Loaded, min_rows: int, column: str) -> Trajec
 def read_columns(
     path: str | Path, unfinished: bool = False, reading: ReadOptions = AS_IT_IS
 ) -> tuple[dict[str, Floats], dict[str, str]]:
-    """(columns by name, `t_s` among them; notes) of a file, whatever they mean. unfinished: what
-    is whole of a file whose writer was killed. Raises BadRecording."""
+    """Return (columns by name including `t_s`, notes) of a file, whatever the columns mean.
+    unfinished: read the complete part of a file whose writer was killed. Raises BadRecording."""
     parts, _ = read_parts(path, unfinished, reading)
     if len(parts) > 1:
         raise BadRecording(_several(Path(path), len(parts)))
@@ -204,8 +207,8 @@ def read_columns(
 def read_parts(
     path: str | Path, unfinished: bool = False, reading: ReadOptions = AS_IT_IS
 ) -> tuple[list[tuple[dict[str, Floats], dict[str, str]]], str]:
-    """As read_columns, and several where the clock went back in the file: it is cut there; and how
-    a file of another program was understood, which stands in the notes too."""
+    """Like read_columns, but return several parts if the clock went back (the file is cut there),
+    and how a file of another program was interpreted, which is also in the notes."""
     path = Path(path)
     loaded = load_columns(path, reading, unfinished, wants=("t",))
     times = _time(path.name, loaded, 1)
@@ -233,11 +236,11 @@ def write_recording(
     columns: Mapping[str, Any],
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Write time and columns (name with unit -> (N,) values) so that reading gives the same bits.
+    """Write time and columns (name with unit -> (N,) values) so that reading returns the same bits.
 
-    The suffix chooses the format: .csv, .csv.gz, .npz or .mcap. A CSV begins with its header line;
+    The suffix selects the format: .csv, .csv.gz, .npz or .mcap. A CSV begins with its header line;
     its metadata goes into NAME.csv.meta.json. The file appears complete or not at all. Raises
-    BadRecording on unequal lengths, an unknown suffix, a place that cannot be written.
+    BadRecording on unequal lengths, an unknown suffix, or a path that cannot be written.
     """
     path = Path(path)
     table = {"t_s": np.asarray(t_s)} | {k: np.asarray(v) for k, v in columns.items()}
@@ -297,7 +300,8 @@ def _time(name: str, loaded: Loaded, min_rows: int) -> Times:
 
 
 def _unit_column(name: str, loaded: Loaded, letter: str, what: str, required: bool) -> str:
-    """The column of that kind: the first known unit wins, so u_v comes before u_um."""
+    """Return the name of the column of this kind. The first known unit wins, so u_v precedes
+    u_um."""
     columns = loaded.columns
     for unit in UNIT_NAMES:
         if f"{letter}_{unit}" in columns:

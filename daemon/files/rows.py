@@ -1,13 +1,13 @@
-"""Recordings that grow row by row, one class for each kind of file.
+"""Recordings that grow row by row, with one class for each kind of file.
 
-.csv     line by line
-.csv.gz  in blocks, each a gzip member of its own
-.mcap    in chunks
-.npz     in blocks of numbers, from which the archive is made when it is closed
+ .csv     written line by line
+ .csv.gz  written in blocks, each a separate gzip member
+ .mcap    written in chunks
+ .npz     written in blocks of numbers, converted into the archive on closing
 
-A block holds at most HELD_S of the recording's own time, so that a kill or a full disk costs no
-more. What was written whole is read by `dehyst convert --unfinished`, whatever the kind. A file
-that was deleted while it grows is an error.
+A block holds at most HELD_S of recorded time, so a kill or a full disk loses no more than that.
+`dehyst convert --unfinished` reads the complete part of every kind. Deleting the file while it
+grows is an error.
 """
 
 import gzip
@@ -31,12 +31,12 @@ from dehyst.models.errors import BadInput
 Columns = Sequence[NDArray[Any]]
 PACKED_BLOCK, PACKED_LEVEL = 256 << 10, 4
 HELD_S = 2.0
-"""Of a recording's time, at most, in rows that are not in the file yet."""
+"""Longest recorded time in rows that are not yet in the file."""
 
 
 class RowWriter(Protocol):
-    """rows: that the file holds, or will when it is closed; size: bytes on the disk; full: no
-    more fits."""
+    """rows: that the file holds, or will hold once closed; size: bytes on the disk; full: no more
+    rows fit."""
 
     @property
     def rows(self) -> int: ...
@@ -52,12 +52,12 @@ class RowWriter(Protocol):
         ...
 
     def close(self) -> None:
-        """Write what is still held, and close. Raises RecordingFailed."""
+        """Write the rows still held, and close. Raises RecordingFailed."""
         ...
 
 
 def check_kind(path: Path) -> None:
-    """BadInput where no recording of that suffix is written."""
+    """Raise BadInput if no recording with this suffix can be written."""
     if not path.name.endswith(WRITTEN):
         raise BadInput(f"{path}: unknown kind of file; {', '.join(WRITTEN)} are written")
 
@@ -65,8 +65,8 @@ def check_kind(path: Path) -> None:
 def open_rows(
     path: Path, names: Sequence[str], notes: Mapping[str, str], replace: bool
 ) -> RowWriter:
-    """A growing recording with these columns, `t_s` first; its suffix says which kind. Raises
-    BadInput where it cannot be made."""
+    """Open a growing recording with these columns, `t_s` first; its suffix selects the kind. Raises
+    BadInput if the file cannot be created."""
     check_kind(path)
     file = AppendedFile(path, replace)
     try:
@@ -82,7 +82,7 @@ def open_rows(
 
 
 class CsvRows:
-    """See the module."""
+    """Writer for .csv and .csv.gz: see the module."""
 
     full = False
 
@@ -153,7 +153,8 @@ class CsvRows:
 
 
 class NpzRows:
-    """See the module. file: what the blocks go to; it takes the finished archive's place."""
+    """Writer for .npz: see the module. file: receives the blocks; the finished archive replaces
+    it."""
 
     def __init__(
         self, file: AppendedFile, path: Path, names: Sequence[str], notes: Mapping[str, str]
@@ -166,12 +167,12 @@ class NpzRows:
 
     @property
     def size(self) -> int:
-        """Bytes that have been written."""
+        """Bytes written so far."""
         return self._file.size
 
     @property
     def full(self) -> bool:
-        """Whether it holds as much as may be read back."""
+        """Whether the file holds as much as can be read back."""
         return 8 * self.rows * len(self._names) > MOST_BYTES // 2
 
     def add(self, columns: Columns) -> None:

@@ -1,7 +1,7 @@
-"""What belongs with the numbers of a CSV file: NAME.csv.meta.json, a flat map of texts.
+"""Notes that accompany a CSV file: NAME.csv.meta.json, a flat map of texts.
 
-The CSV itself begins with its header line, so that every program reads it as it is. `.npz` and
-`.mcap` carry their notes inside.
+The CSV itself begins with its header line, so that every program can read it. `.npz` and `.mcap`
+files store their notes inside.
 """
 
 import json
@@ -15,12 +15,13 @@ MOST_BYTES = 1 << 20
 
 
 def notes_path(path: Path) -> Path:
-    """Where the notes of a recording stand."""
+    """Return the path of a recording's notes."""
     return path.with_name(f"{path.name}.meta.json")
 
 
 def write_notes(path: Path, notes: Mapping[str, str]) -> None:
-    """Put the notes beside the recording `path`; none: what stood there goes. Raises OSError."""
+    """Write the notes that accompany the recording `path`; without notes, delete an existing file.
+    Raises OSError."""
     beside = notes_path(path)
     if not notes:
         beside.unlink(missing_ok=True)
@@ -31,7 +32,7 @@ def write_notes(path: Path, notes: Mapping[str, str]) -> None:
 
 
 def read_notes(path: Path) -> dict[str, str]:
-    """The notes beside a recording; {} where there are none. Raises BadRecording."""
+    """Return the notes that accompany a recording; {} if there are none. Raises BadRecording."""
     beside = notes_path(path)
     try:
         with beside.open("rb") as file:

@@ -1,7 +1,7 @@
-"""Times as a file has them: cut where the clock went back, rebuilt where they are only rounded.
+"""Check the times of a file: cut where the clock went back, rebuild times that are only rounded.
 
-Rows are never sorted: where the clock goes back, something new begins (a recorder started anew, two
-files were joined), and what came before has no known time to what follows.
+Rows are never sorted. Where the clock goes back, something new begins (a recorder was restarted, or
+two files were joined), and the time between the two parts is unknown.
 """
 
 from collections.abc import Callable
@@ -14,22 +14,23 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Bools, Floats
 
 ROUNDED_SHARE = 0.002
-"""Rows that repeat the time before: with more, the times are rounded, not a row written twice."""
+"""Largest share of rows that repeat the previous time and still count as rows written twice; with
+more, the times are rounded."""
 LEAST_DIGITS, OFF_THE_LINE = 50, 0.75
-"""Of the last digit of rounded times: what they have to span, so that their mean step is good to
-about a percent, and by how much they may be off a straight line: rounding moves each by half of it,
-cutting off by half about its mean."""
+"""Limits in units of the last digit of rounded times. LEAST_DIGITS: least span, so that the mean
+step is accurate to about one percent. OFF_THE_LINE: largest deviation from a straight line:
+rounding moves each time by up to half a digit, truncation by up to half a digit about its mean."""
 MOST_PARTS = 64
 SLOW_STEP_S = 1.0
-"""Steps above this are asked about: as seconds they are less than one row a second, as milliseconds
-less than 1000. Recordings over hours at 1 or 2 Hz are ordinary."""
+"""The unit of larger steps is asked for: in seconds they are less than one row per second, in
+milliseconds less than 1000. Recordings over hours at 1 or 2 Hz are ordinary."""
 NOTED_STEP_S = 0.4
 
 
 @dataclass
 class Times:
-    """t_s: (N,), increasing in each part; parts: [from, to) of rows; keep: rows that stay, None:
-    all; said: what was done."""
+    """t_s: (N,), increasing in each part; parts: [from, to) of rows; keep: rows that are kept,
+    None: all; said: what was done."""
 
     t_s: Floats
     parts: list[tuple[int, int]]
@@ -40,8 +41,11 @@ class Times:
 def repair_times(
     name: str, t_s: Floats, same_row: Callable[[int], bool], where: Callable[[int], str]
 ) -> Times:
-    """same_row(i): whether row i holds the same numbers as the one before, in all columns; where:
-    the place of a row in words. Raises BadRecording where the times cannot be used."""
+    """Cut and repair the times of a file.
+
+    same_row(i): whether row i holds the same numbers as the previous row in all columns; where:
+    describes the place of a row. Raises BadRecording if the times cannot be used.
+    """
     said: list[str] = []
     if not np.all(np.isfinite(t_s)):
         row = int(np.flatnonzero(~np.isfinite(t_s))[0])
@@ -81,7 +85,8 @@ def _settle_part(
     where: Callable[[int], str],
     said: list[str],
 ) -> None:
-    """One stretch whose times do not go back: repeated ones are rounded, or rows written twice."""
+    """Repair one part whose times do not go back: repeated times mean that times are rounded or
+    rows written twice."""
     part = t_s[begin:end]
     repeated = np.flatnonzero(np.diff(part) == 0.0) + 1
     if not repeated.size:
@@ -115,8 +120,8 @@ def _settle_part(
 
 
 def doubt_seconds(name: str, t_s: Floats, said_by_user: bool) -> str:
-    """A remark where the times may be milliseconds, "" where not. Raises BadRecording where they
-    are hardly seconds; said_by_user: --time-unit was given."""
+    """Return a remark if the times may be milliseconds, "" otherwise. Raises BadRecording if they
+    are unlikely to be seconds; said_by_user: --time-unit was given."""
     if said_by_user or t_s.size < 20:
         return ""
     step, whole = float(np.median(np.diff(t_s))), float(t_s[-1] - t_s[0])

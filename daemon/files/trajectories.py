@@ -1,5 +1,5 @@
-"""Trajectories of one or several axes on disk: `t_s` and `target_um`, or `target_x_um`,
-`target_y_um` and so on, one column an axis (or another unit of displacement)."""
+"""Trajectories of one or several axes on disk: `t_s` and `target_um`, or one column per axis
+(`target_x_um`, `target_y_um`, ...), in um or another unit of displacement."""
 
 import re
 from pathlib import Path
@@ -16,8 +16,9 @@ OF_AXIS = re.compile(rf"target_([a-z0-9]{{1,8}})_({'|'.join(UNIT_NAMES)})")
 def read_trajectories(
     path: str | Path, *, min_rows: int = 1, column: str = "", reading: ReadOptions = AS_IT_IS
 ) -> dict[str, Trajectory]:
-    """What each axis is to do, by its short name, in the file's order; "" for the only one of a
-    file with `target_um`, or where `column` says which. Raises BadRecording as read_trajectory."""
+    """Return the trajectory of each axis by its short name, in the file's order; the key is "" for
+    a file with `target_um`, or if `column` names the column. Raises BadRecording like
+    read_trajectory."""
     path = Path(path)
     if column:
         return {"": read_trajectory(path, min_rows=min_rows, column=column, reading=reading)}

@@ -1,10 +1,10 @@
-"""What is whole of a recording whose writer was killed or met a full disk.
+"""Recover the complete part of a recording whose writer was killed or found the disk full.
 
-.csv     to the end of the last complete line, before the first zero byte
-.csv.gz  what can be unpacked, to the end of its last complete line
-.npz     the complete blocks of one that was never finished (see rows.NpzRows); of a damaged
-         archive, nothing
-.mcap    the complete chunks: see mcap_file
+ .csv     up to the end of the last complete line, before the first zero byte
+ .csv.gz  everything that can be unpacked, up to the end of its last complete line
+ .npz     the complete blocks of a file that was never finished (see rows.NpzRows); of a damaged
+          archive, nothing
+ .mcap    the complete chunks: see mcap_file
 """
 
 import io
@@ -24,13 +24,13 @@ NPZ_BLOCK = b"\x93NUMPY"
 
 
 def is_unfinished_npz(path: Path) -> bool:
-    """Whether a file is the blocks of an .npz that is not finished."""
+    """Return whether a file consists of the blocks of an unfinished .npz."""
     with path.open("rb") as file:
         return file.read(len(NPZ_BLOCK)) == NPZ_BLOCK
 
 
 def read_whole_part(path: Path) -> tuple[dict[str, Floats], dict[str, str]]:
-    """(columns, notes) of the whole part. Raises BadRecording where there is none."""
+    """Return (columns, notes) of the complete part. Raises BadRecording if there is none."""
     kind = path.suffix.lower()
     try:
         if kind == ".npz":
@@ -56,7 +56,7 @@ def _of_text(path: Path, data: bytes) -> tuple[dict[str, Floats], dict[str, str]
 
 
 def _unpack(path: Path) -> bytes:
-    """All that can be unpacked, member after member."""
+    """Return everything that can be unpacked, member by member."""
     parts: list[bytes] = []
     size = 0
     with path.open("rb") as file:
@@ -78,7 +78,7 @@ def _unpack(path: Path) -> bytes:
 
 
 def read_blocks(file: BinaryIO) -> tuple[list[str], dict[str, str], list[Any]]:
-    """(names, notes, complete blocks (n, k)) of an .npz that is not finished."""
+    """Return (names, notes, complete blocks (n, k)) of an unfinished .npz."""
     names = [str(name) for name in np.lib.format.read_array(file, allow_pickle=False)]
     pairs = np.lib.format.read_array(file, allow_pickle=False).reshape(-1, 2)
     notes = {str(key): str(value) for key, value in pairs}
@@ -101,7 +101,7 @@ def _of_npz(path: Path) -> tuple[dict[str, Floats], dict[str, str]]:
     try:
         with path.open("rb") as file:
             names, notes, blocks = read_blocks(file)
-    except Exception as error:  # numpy's header breaks in ways of its own
+    except Exception as error:  # numpy raises different exceptions on a damaged header
         why = " ".join(str(error).split())[:200]
         raise BadRecording(f"{path.name}: not an .npz file that can be read: {why}") from None
     if not blocks:

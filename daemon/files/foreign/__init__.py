@@ -1,1 +1,1 @@
-"""Recordings that other programs wrote: what their columns mean is understood here, and said."""
+"""Recordings of other programs: interpret their columns, and report the interpretation."""

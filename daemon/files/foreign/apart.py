@@ -1,7 +1,7 @@
-"""Files that a library reads, by a process of its own.
+"""Read files that need a library in a separate process.
 
-A damaged file ends some of these readers with a segmentation fault, an endless loop or all memory,
-which no `except` holds; and their warnings stay off the screen.
+A damaged file can end some of these readers in a segmentation fault, an endless loop or the use of
+all memory, which no `except` catches. A separate process also keeps their warnings off the screen.
 """
 
 import json
@@ -19,12 +19,12 @@ from dehyst.models.errors import BadRecording
 
 PATIENCE_S = 120.0
 START_S, S_PER_MB = 10, 60
-"""Processor time for a file [s, s/MB]: the slowest library, openpyxl, took 3 to 6 s for 1 MB, and
-small computers are ten times slower. A damaged file of 10 KB kept HDF5 busy for two minutes."""
+"""Processor time allowed per file [s, s/MB]: the slowest library, openpyxl, took 3 to 6 s for 1 MB,
+and small computers are ten times slower. A damaged file of 10 KB kept HDF5 busy for two minutes."""
 ENDED_BY_TIME = -24
-"""Exit status of a process that used it up: SIGXCPU, which not every system has."""
+"""Exit status of a process that used up its processor time: SIGXCPU, which not every system has."""
 MOST_BYTES = 4 << 30
-"""Of address space: the libraries take 2 GB of it and use little."""
+"""Limit on address space: the libraries reserve 2 GB and use little of it."""
 NEEDS = {
     ".mat": ("a MATLAB file", "scipy", ""),
     ".h5": ("an HDF5 file", "h5py", "hdf5"),
@@ -33,12 +33,12 @@ NEEDS = {
     ".tdms": ("a TDMS file", "nptdms", "tdms"),
     ".parquet": ("a Parquet file", "pyarrow", "parquet"),
 }
-"""What it is, the library that reads it, the extra of dehyst that brings it."""
+"""(description, library that reads it, extra of dehyst that installs it) by suffix."""
 
 
 def read_apart(path: Path) -> Sheet:
-    """Columns of a file of one of these kinds. Raises BadRecording: the library is not there, or
-    cannot read the file, or dies of it."""
+    """Return the columns of a file of one of these kinds. Raises BadRecording if the library is not
+    installed, cannot read the file, or crashes on it."""
     what, _, _ = NEEDS[path.suffix.lower()]
     with tempfile.TemporaryDirectory(prefix="dehyst-read-") as folder:
         target = Path(folder) / "read.npz"
@@ -69,12 +69,12 @@ def read_apart(path: Path) -> Sheet:
 
 
 def processor_time_s(path: Path) -> int:
-    """How long a file of this size may be computed on, in whole seconds."""
+    """Return the processor time allowed for a file of this size, in whole seconds."""
     return START_S + S_PER_MB * path.stat().st_size // (1 << 20)
 
 
 def start_reader(path: Path, target: Path) -> subprocess.CompletedProcess[str]:
-    """Have a process read one file into `target`, and wait for it."""
+    """Start a process that reads one file into `target`, and wait for it."""
     command = [sys.executable, "-P", "-m", __name__, str(path), str(target)]
     return subprocess.run(
         command, capture_output=True, encoding="utf-8", errors="replace", timeout=PATIENCE_S
@@ -82,7 +82,7 @@ def start_reader(path: Path, target: Path) -> subprocess.CompletedProcess[str]:
 
 
 def main(source: str, target: str) -> None:
-    """Read one file and write what was found."""
+    """Read one file and write the columns found."""
     from importlib import import_module
 
     sys.stdout.reconfigure(encoding="utf-8", errors="backslashreplace")  # type: ignore[union-attr]
@@ -108,7 +108,7 @@ def main(source: str, target: str) -> None:
     except MemoryError:
         print("it unpacks to more than can be read; cut it into several files")
         sys.exit(3)
-    except Exception as error:  # a damaged file breaks the libraries in ways of their own
+    except Exception as error:  # a damaged file raises different exceptions in the libraries
         print(" ".join(f"{type(error).__name__}: {error}".split()))
         sys.exit(4)
     columns = [

@@ -1,4 +1,4 @@
-"""Named arrays of any shape as columns: structures are flattened, texts become notes."""
+"""Turn named arrays of any shape into columns: structures are flattened, texts become notes."""
 
 import math
 from collections import Counter
@@ -10,14 +10,14 @@ import numpy as np
 from dehyst.daemon.files.csv_table import MOST_COLUMNS
 from dehyst.daemon.files.foreign.found import Column, Sheet
 
-MOST_WIDE = 64  # columns of one array with two dimensions
+MOST_WIDE = 64  # columns of one two-dimensional array
 MOST_DEEP = 16
 MOST_NOTE = 200
 
 
 def found_in(arrays: Iterable[tuple[str, str, Any]], notes: Mapping[str, str]) -> Sheet:
-    """Columns of arrays: (name, unit, values). Those of the length that most have are columns;
-    others, and single numbers, go into the notes or are left out, which is said."""
+    """Return the columns in arrays (name, unit, values). Single numbers and texts become notes;
+    arrays that hold no columns of numbers are left out, which is reported."""
     columns: list[Column] = []
     kept = dict(notes)
     left: list[str] = []
@@ -46,7 +46,7 @@ def found_in(arrays: Iterable[tuple[str, str, Any]], notes: Mapping[str, str]) -
 
 
 def of_one_length(found: Sheet, wanted: Iterable[str] = ()) -> Sheet:
-    """Those columns that belong to each other: of the length of the wanted ones, or of most."""
+    """Keep only columns of one length: that of the wanted columns, or the most common one."""
     sizes = [column.values.size for column in found.columns]
     named = {str(text).lower() for text in wanted}
     of_wanted = [c.values.size for c in found.columns if c.heading.lower() in named]
@@ -93,7 +93,8 @@ def _columns(name: str, unit: str, array: Any) -> list[Column]:
 
 
 def _seconds(moments: Any) -> Any:
-    """Moments or durations as seconds, NaN where there is none; moments from the first one."""
+    """Return timestamps or durations in seconds, NaN if missing; timestamps count from the first
+    one."""
     missing = np.isnat(moments)
     out = np.full(moments.shape, math.nan)
     known = moments[~missing]
@@ -105,7 +106,7 @@ def _seconds(moments: Any) -> Any:
 
 
 def flattened(value: Any, name: str = "", deep: int = 0) -> Iterator[tuple[str, Any]]:
-    """(name with its path, array) of nested maps and lists."""
+    """Yield (name with its path, array) of nested maps and lists."""
     if deep > MOST_DEEP:
         return
     if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""What a reader finds in somebody else's file, before it is understood. Pure data."""
+"""Raw content of a foreign file before interpretation. Pure data."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -7,8 +7,8 @@ from typing import Any
 
 @dataclass
 class Column:
-    """One column: its heading, "" where there is none; its unit where the file gives one beside
-    the heading, "" otherwise; (N,) values; clock: the file gave moments, now seconds."""
+    """One column: its heading, or ""; its unit if the file gives it apart from the heading, or "";
+    (N,) values; clock: the file gave timestamps, which were converted to seconds."""
 
     heading: str
     values: Any
@@ -18,9 +18,9 @@ class Column:
 
 @dataclass
 class Sheet:
-    """Columns in the file's order; notes: by name; step_s: the sampling period that the file
-    states; start_s: the time of its first row; said: what else was understood of the form.
-    where: a place of the file in words, from a row."""
+    """Columns in the file's order; notes: by name; step_s: sampling period that the file states;
+    start_s: time of its first row; said: further remarks on the format; where: describes the place
+    of a row in the file."""
 
     columns: list[Column]
     notes: dict[str, str] = field(default_factory=dict)
@@ -31,8 +31,9 @@ class Sheet:
 
 
 def text_of(given: str | bytes) -> str:
-    """Text of a file as it can be written: UTF-8, or Latin-1 where it is none, as older programs
-    wrote. A str holds such bytes as lone surrogates where a library did not decode them."""
+    """Return text of a file in a form that can be written: UTF-8, or Latin-1 if it is not UTF-8, as
+    older programs wrote. A str holds such bytes as lone surrogates if a library did not decode
+    them."""
     try:
         raw = given if isinstance(given, bytes) else given.encode("utf-8", "surrogateescape")
     except UnicodeEncodeError:  # half a pair of UTF-16

@@ -1,5 +1,5 @@
-"""Rows of fields, from a text or a sheet, as columns with headings: where the numbers begin, which
-line above names them, which gives their units, what else is said there."""
+"""Turn rows of fields, from a text or a sheet, into columns with headings: find where the numbers
+begin, which line above them holds the names, which the units, and what else the preamble says."""
 
 import math
 import re
@@ -17,7 +17,7 @@ from dehyst.models.errors import BadRecording
 
 MISSING = {"", "nan", "na", "n/a", "#n/a", "#nv", "null", "none", "-", "--", "---", "#num!", "nil"}
 LOOKED_AT = 2000
-"""Rows at the beginning that show the layout; a preamble of an instrument is shorter."""
+"""Rows at the beginning that are used to find the layout; an instrument's preamble is shorter."""
 MOSTLY_EMPTY = 0.9
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
 _GROUPED = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")
@@ -35,7 +35,8 @@ Row = Sequence[Any]
 
 
 def number_of(cell: Any, decimal: str = ".") -> float | None:
-    """A field as a number, a moment as seconds; NaN: it is missing; None: it is none of these."""
+    """Return a field as a number, or a timestamp in seconds; NaN if it is missing; None if it is
+    neither."""
     if isinstance(cell, bool):
         return float(cell)
     if isinstance(cell, int | float):
@@ -66,7 +67,7 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
 
 
 def moment_of(text: str) -> float | None:
-    """Seconds of "12:00:01.25", "2024-03-05 12:00:01.25" or "05.03.2024 12:00:01.25"."""
+    """Return the seconds of "12:00:01.25", "2024-03-05 12:00:01.25" or "05.03.2024 12:00:01.25"."""
     if ":" not in text or len(text) > 40:
         return None
     if clock := _CLOCK.fullmatch(text):
@@ -82,8 +83,9 @@ def moment_of(text: str) -> float | None:
 
 @dataclass
 class GridLayout:
-    """first: row where the numbers begin; width: columns; headings, units: (width,) texts; notes:
-    the preamble; numeric: which columns hold numbers; step_s: that the preamble states."""
+    """first: first row of numbers; width: number of columns; headings, units: (width,) texts;
+    notes: the preamble; numeric: which columns hold numbers; step_s, start_s: stated by the
+    preamble."""
 
     first: int
     width: int
@@ -96,7 +98,7 @@ class GridLayout:
 
 
 def _values(row: Row, decimal: str) -> tuple[bool, ...]:
-    """Which fields of a row are numbers, without empty ones at its end."""
+    """Return which fields of a row are numbers."""
     flags = []
     for cell in row:
         value = number_of(cell, decimal)
@@ -112,7 +114,8 @@ def _length(row: Row) -> int:
 
 
 def score(rows: Sequence[Row], decimal: str) -> tuple[int, int, int]:
-    """(how much a layout explains of these rows, the first row of numbers, columns)."""
+    """Return (how much a layout explains of these rows, first row of numbers, number of
+    columns)."""
     sizes = [_length(row) for row in rows]
     flags = [_values(row[:size], decimal) for row, size in zip(rows, sizes, strict=True)]
     runs: list[tuple[int, int, int]] = []
@@ -128,7 +131,7 @@ def score(rows: Sequence[Row], decimal: str) -> tuple[int, int, int]:
     gain, begin, width = max(runs, default=(0, 0, 0))
     if gain <= 0:
         return 0, 0, 0
-    # rows before the longest run belong to it where they have numbers in the same places
+    # rows before the longest run belong to it if they have numbers in the same columns
     share = [sum(f[j] for f in flags[begin:] if len(f) > j) for j in range(width)]
     sure = [
         j for j in range(width) if 2 * share[j] > share[max(range(width), key=share.__getitem__)]
@@ -140,7 +143,7 @@ def score(rows: Sequence[Row], decimal: str) -> tuple[int, int, int]:
 
 
 def lay_out(name: str, rows: Sequence[Row], decimal: str) -> GridLayout:
-    """The layout of the first rows. Raises BadRecording where there are no numbers."""
+    """Find the layout from the first rows. Raises BadRecording if there are no numbers."""
     gain, first, width = score(rows, decimal)
     if not gain:
         raise BadRecording(f"{name}: holds no rows of numbers")
@@ -175,7 +178,7 @@ def lay_out(name: str, rows: Sequence[Row], decimal: str) -> GridLayout:
 
 
 def _stripped(row: Row) -> list[Any]:
-    """A line without the mark of a comment."""
+    """Return a line without its comment mark."""
     cells = list(row[: _length(row)])
     if cells and isinstance(cells[0], str):
         cells[0] = re.sub(r"^\s*(#|%|//|!)+\s*", "", cells[0])
@@ -203,7 +206,8 @@ def _may_name(cells: Row, width: int) -> bool:
 
 
 def _beside(over: Row, below: Row, width: int) -> tuple[float, float]:
-    """Start and increment beside the headings, as some oscilloscopes write them."""
+    """Return the increment and start given next to the headings, as some oscilloscopes write
+    them."""
     names = [str(cell).strip().lower() for cell in over]
     out = []
     for name in ("increment", "start"):
@@ -232,7 +236,7 @@ def _stated_step(notes: dict[str, str]) -> float:
 
 
 def _apart(headings: Sequence[str]) -> list[str]:
-    """Headings with names of their own."""
+    """Make headings unique."""
     out: list[str] = []
     for heading in headings:
         number, text = 2, heading
@@ -249,8 +253,8 @@ def fill(
     decimal: str,
     where: Callable[[int], str],
 ) -> Sheet:
-    """The columns below a layout. rows: (place, fields); where: a place in words. Raises
-    BadRecording naming the place of what is no number."""
+    """Return the columns below a layout. rows: (place, fields); where: describes a place. Raises
+    BadRecording naming the place of a field that is not a number."""
     kept = [j for j in range(layout.width) if layout.numeric[j]]
     values: list[list[float]] = [[] for _ in kept]
     places: list[int] = []
@@ -294,7 +298,7 @@ def fill(
 
 
 def note_form(found: Sheet, layout: GridLayout, texts: int) -> None:
-    """What else was understood of the form."""
+    """Add remarks on the format."""
     if layout.notes:
         lines = "1 line" if len(layout.notes) == 1 else f"{len(layout.notes)} lines"
         found.said.append(f"{lines} before the headings kept as notes")

@@ -1,5 +1,5 @@
-"""The files that a library reads, by the library that is made for them. Runs in a process of its
-own (dehyst.daemon.files.foreign.apart); each is imported where it is used."""
+"""Read each kind of file with the library made for it. Runs in a separate process
+(dehyst.daemon.files.foreign.apart); each library is imported where it is used."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,7 +17,7 @@ MOST_ROWS = 4_000_000
 
 
 def read_mat(path: Path) -> Sheet:
-    """A MATLAB file: to version 7 by scipy, of 7.3 by h5py."""
+    """Read a MATLAB file: up to version 7 with scipy, version 7.3 with h5py."""
     from scipy.io import loadmat
 
     with path.open("rb") as file:
@@ -30,7 +30,7 @@ def read_mat(path: Path) -> Sheet:
 
 
 def read_hdf5(path: Path) -> Sheet:
-    """An HDF5 file, MATLAB's own among them."""
+    """Read an HDF5 file, including MATLAB's."""
     import h5py
 
     notes: dict[str, str] = {}
@@ -43,7 +43,7 @@ def read_hdf5(path: Path) -> Sheet:
         if not isinstance(item, h5py.Dataset) or "#refs#" in name or "#subsystem#" in name:
             return
         kind = item.attrs.get("MATLAB_class", b"")
-        if item.shape is None:  # a place without a value
+        if item.shape is None:  # a dataset without a value
             return
         if item.attrs.get("MATLAB_empty", 0) or kind in (b"cell", b"function_handle"):
             return
@@ -76,7 +76,8 @@ def _unit_in(attributes: Any) -> str:
 
 
 def read_xlsx(path: Path) -> Sheet:
-    """The sheets of a spreadsheet; headings are `Sheet/Heading` where several hold numbers."""
+    """Read the sheets of a spreadsheet; headings are `Sheet/Heading` if several sheets hold
+    numbers."""
     from openpyxl import load_workbook
 
     book = load_workbook(path, read_only=True, data_only=True)
@@ -126,7 +127,7 @@ def read_xlsx(path: Path) -> Sheet:
 
 
 def read_tdms(path: Path) -> Sheet:
-    """A TDMS file of LabVIEW; headings are `Group/Channel` where there are several groups."""
+    """Read a LabVIEW TDMS file; headings are `Group/Channel` if there are several groups."""
     from nptdms import TdmsFile
 
     notes: dict[str, str] = {}
@@ -157,7 +158,7 @@ def read_tdms(path: Path) -> Sheet:
 
 
 def read_parquet(path: Path) -> Sheet:
-    """A Parquet file; nested columns by their path."""
+    """Read a Parquet file; nested columns are named by their path."""
     import pyarrow.parquet
 
     file = pyarrow.parquet.ParquetFile(path)

@@ -1,4 +1,4 @@
-"""How a file of another program is to be read, where the file itself does not say."""
+"""Options for reading a file of another program where the file itself lacks information."""
 
 import argparse
 import re
@@ -15,9 +15,9 @@ _PAIR = re.compile(r"""\s*([A-Za-z_]\w*)\s*=\s*(?:"([^"]*)"|'([^']*)'|([^,]*?))\
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """columns: heading or number (from 0) by what it is: t, u, y, target, or a channel's own name;
-    rate_hz: rows a second, 0: the file has times; time_unit, drive_unit, unit: of the numbers, "":
-    as the headings say."""
+    """columns: heading or number (from 0) by role: t, u, y, target, or a channel's own name;
+    rate_hz: rows per second, 0: the file has times; time_unit, drive_unit, unit: of the numbers,
+    "": as the headings say."""
 
     columns: Mapping[str, str | int] = field(default_factory=dict)
     rate_hz: float = 0.0
@@ -44,8 +44,8 @@ AS_IT_IS = ReadOptions()
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
-    """The options that say how to read files of other programs, but for those whose names the
-    command uses already."""
+    """Add the options for reading files of other programs, except those whose names the command
+    already uses."""
     group = parser.add_argument_group(
         "files of other programs",
         "Text (comma, semicolon, tab, blanks; decimal commas; any preamble), .xlsx, .npy, .npz, "
@@ -80,7 +80,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_columns(text: str) -> dict[str, str | int]:
-    """What `--columns` names. Raises BadInput."""
+    """Parse the value of `--columns`. Raises BadInput."""
     out: dict[str, str | int] = {}
     at = 0
     while at < len(text):
@@ -96,7 +96,7 @@ def parse_columns(text: str) -> dict[str, str | int]:
 
 
 def reading_of(args: argparse.Namespace) -> ReadOptions:
-    """What the command line says. Raises BadInput."""
+    """Return the reading options of the command line. Raises BadInput."""
 
     def given(name: str) -> Any:
         return getattr(args, f"reading_{name}", None)

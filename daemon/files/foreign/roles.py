@@ -1,4 +1,4 @@
-"""What a column's heading says that it is."""
+"""Find the role of a column from its heading."""
 
 import re
 
@@ -17,7 +17,7 @@ from dehyst.models.modelfile import UNIT_NAMES
 
 NAMES = {"t": "time", "u": "drive", "y": "displacement", "target": "target"}
 PLAIN, BY_WORD, BY_UNIT = 3, 2, 1
-"""How sure a heading makes it: a name of dehyst's own, a word, the unit alone."""
+"""Confidence in a role: dehyst's own name, a known word, the unit alone."""
 
 _TIME = {
     "t",
@@ -50,15 +50,15 @@ _PLAIN = re.compile(rf"(?:(t)_s|(u|y|target)_(?:{'|'.join(UNIT_NAMES)}))")
 
 
 def words_of(name: str) -> set[str]:
-    """The words of a heading, in lower case: "driveVoltage" is "drive", "voltage"."""
+    """Return the words of a heading in lower case: "driveVoltage" gives "drive", "voltage"."""
     apart = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", name.rpartition("/")[2] or name)
     words = set(re.findall(r"[^\W\d_]+", apart.lower()))
     return words | {"spannung" for w in words if w.endswith("spannung")}
 
 
 def role_of(heading: str, unit: str) -> tuple[str, int]:
-    """(t, u, y, target or "", how sure). unit: its key in UNITS where the file gives one beside the
-    heading."""
+    """Return (t, u, y, target or "", confidence). unit: its key in UNITS if the file gives the unit
+    apart from the heading."""
     last = heading.rpartition("/")[2][:LONGEST_HEADING]
     if plain := _PLAIN.fullmatch(last.rpartition(".")[2]):
         return plain[1] or plain[2], PLAIN
@@ -66,7 +66,7 @@ def role_of(heading: str, unit: str) -> tuple[str, int]:
     words, kind = words_of(name), UNITS[own or unit][0] if own or unit else ""
     sensed = bool(words & _DISPLACEMENT)
     driven = bool(words & _DRIVE)
-    if kind == OTHER or "model" in words:  # what a model predicts was not measured
+    if kind == OTHER or "model" in words:  # a model's prediction is not a measurement
         return "", 0
     if words & _TARGET and kind in (LENGTH, ANGLE, ""):
         return "target", BY_WORD
@@ -87,7 +87,7 @@ def role_of(heading: str, unit: str) -> tuple[str, int]:
 
 
 def counts_rows(heading: str) -> bool:
-    """Whether a heading is that of row numbers: "", "Unnamed: 0", "index", "Sample"."""
+    """Return whether a heading is that of row numbers: "", "Unnamed: 0", "index", "Sample"."""
     name, unit = split_heading(heading)
     plain = re.sub(r"unnamed:?|\d|[^\w]", "", name.lower()).strip("_ ")
     return not unit and plain in _ROW

@@ -1,4 +1,4 @@
-"""Numbers as text, however they are written: encoding, separator, decimal mark, preamble."""
+"""Read numbers from text in any common form: encoding, separator, decimal mark, preamble."""
 
 import csv
 import gzip
@@ -21,7 +21,7 @@ MARKS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", 
 
 
 def read_bytes(path: Path) -> bytes:
-    """All bytes of a text, unpacked. Raises BadRecording."""
+    """Return all bytes of a text file, unpacked. Raises BadRecording."""
     try:
         packed = path.stat().st_size
         if path.suffix.lower() == ".gz":
@@ -41,7 +41,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def decode_text(name: str, data: bytes) -> str:
-    """Text of the usual encodings. Raises BadRecording where it is no text."""
+    """Decode text in the usual encodings. Raises BadRecording if it is not text."""
     for mark, encoding in MARKS:
         if data.startswith(mark):
             try:
@@ -66,12 +66,12 @@ def decode_text(name: str, data: bytes) -> str:
 
 
 def read_text_table(path: Path) -> Sheet:
-    """Columns of a text. Raises BadRecording naming the line."""
+    """Return the columns of a text file. Raises BadRecording naming the line."""
     return understand_text(path.name, decode_text(path.name, read_bytes(path)))
 
 
 def understand_text(name: str, text: str) -> Sheet:
-    """Columns of a text that is in memory."""
+    """Return the columns of a text in memory."""
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     places = [i for i, line in enumerate(lines[: 3 * LOOKED_AT]) if line.strip()][:LOOKED_AT]
     if not places:
@@ -116,7 +116,7 @@ def understand_text(name: str, text: str) -> Sheet:
 
 
 def splitter(separator: str) -> Callable[[str], list[str]]:
-    """What cuts a line into its fields."""
+    """Return a function that splits a line into its fields."""
     if not separator:
         return lambda line: line.split()
 
@@ -143,7 +143,7 @@ def _quickly(
     decimal: str,
     split: Callable[[str], list[str]],
 ) -> Sheet | None:
-    """By numpy's own reader; None where a row is not as plain as that takes."""
+    """Read with numpy's own reader; return None if a row is not plain enough for it."""
     kept = [j for j in range(layout.width) if layout.numeric[j]]
     if any(":" in cell for cell in split(lines[first])):
         return None
@@ -174,7 +174,8 @@ def _quickly(
 def _refuse_two_commas(
     name: str, layout: GridLayout, rows: Sequence[Sequence[Any]], separator: str
 ) -> None:
-    """A comma that separates and is the decimal mark too: twice as many fields as headings."""
+    """Raise BadRecording if commas are both separators and decimal marks: twice as many fields as
+    headings."""
     if separator == "," and layout.first and not any(layout.headings):
         above = len(rows[layout.first - 1])
         if above > 1 and layout.width == 2 * above:
@@ -185,7 +186,7 @@ def _refuse_two_commas(
 
 
 def _join_headings(layout: GridLayout, sample: Sequence[str]) -> None:
-    """Headings that have blanks of their own: cut at two blanks or more, or behind a bracket."""
+    """Split headings that contain blanks: at two or more blanks, or after a closing bracket."""
     if layout.first == 0 or any(layout.headings):
         return
     line = re.sub(r"^\s*[#%!]+\s*", "", sample[layout.first - 1]).strip()

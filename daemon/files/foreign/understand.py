@@ -1,7 +1,7 @@
-"""From columns as somebody else named them to those of a recording, and the line that says how.
+"""Map foreign column names to those of a recording, and describe the mapping in one line.
 
-What cannot be known is asked for, all at once, by naming the option; nothing is guessed but what
-the line then says.
+Missing information is requested all at once, with the option that supplies it; every assumption is
+stated in that line.
 """
 
 import re
@@ -26,14 +26,14 @@ from dehyst.models.modelfile import UNIT_NAMES
 from dehyst.models.recording import Floats
 
 SURELY_SECONDS = 0.02
-"""Times without a unit that step by less [s] are seconds: as milliseconds they would be those of
+"""Times without a unit that step by less than this [s] are seconds: as milliseconds they would mean
 more than 50 kHz, which no recording of a stage needs."""
 
 
 @dataclass
 class Understood:
-    """columns: as a recording names them; said: what was understood, "" where nothing was but
-    names of dehyst's own; seconds: whether the times can be nothing else."""
+    """columns: named as in a recording; said: the interpretation, "" if all names were dehyst's
+    own; seconds: whether the times are certainly in seconds."""
 
     columns: dict[str, Floats]
     said: str
@@ -41,8 +41,8 @@ class Understood:
 
 
 def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[str]) -> Understood:
-    """The recording in a file. wants: what has to be there, of t, u, y, target; the rest may be.
-    Raises BadRecording: what is not known, and the options that say it."""
+    """Return the recording in a file. wants: which of t, u, y, target are required; the others are
+    optional. Raises BadRecording listing what is unknown, and the options that supply it."""
     if not found.columns or not len(found.columns[0].values):
         raise BadRecording(f"{name}: holds no column of numbers")
     columns = _without_row_numbers(found.columns, reading)
@@ -74,7 +74,8 @@ def _is_own(column: Column) -> bool:
 
 
 def _without_row_numbers(columns: Sequence[Column], reading: ReadOptions) -> list[Column]:
-    """All but a column that counts the rows; none goes where columns are given by number."""
+    """Return all columns except one that counts the rows; drop none if columns are given by
+    number."""
     if any(isinstance(c, int) for c in reading.columns.values()):
         return list(columns)
     out = []
@@ -100,7 +101,7 @@ def _choose(
     wants: Sequence[str],
     asked: list[str],
 ) -> dict[str, int]:
-    """Number of the column by role."""
+    """Return the column number for each role."""
     chosen: dict[str, int] = {}
     for role, wanted in reading.columns.items():
         chosen[role] = _named(name, columns, role, wanted)
@@ -114,7 +115,7 @@ def _choose(
     roles |= {i: ("t", BY_UNIT) for i in free if columns[i].clock and roles[i][0] != "t"}
     if "target" in wants and not any(role == "target" for role, _ in roles.values()):
         roles = {i: ("target", sure) if r == "y" else (r, sure) for i, (r, sure) in roles.items()}
-    both = False  # drive and displacement were asked for at once
+    both = False  # drive and displacement are requested together
     for role in NAMES:
         if role in chosen or (role == "t" and reading.rate_hz):
             continue
@@ -163,7 +164,7 @@ def _ask_by_number(
     wants: Sequence[str],
     asked: list[str],
 ) -> None:
-    """No column has a heading: say which are needed."""
+    """Ask for the required columns by number, because no column has a heading."""
     roles = [r for r in wants if r not in chosen and not (r == "t" and reading.rate_hz)]
     if roles:
         first = ", ".join(f"{columns[i].values[0]:.6g}" for i in free[:6])
@@ -175,7 +176,7 @@ def _ask_by_number(
 
 
 def _named(name: str, columns: Sequence[Column], role: str, wanted: str | int) -> int:
-    """The column that --columns names."""
+    """Return the number of the column named by --columns."""
     text = str(wanted)
     for same in (
         lambda c: c.heading == text,
@@ -200,7 +201,7 @@ def _named(name: str, columns: Sequence[Column], role: str, wanted: str | int) -
 
 
 def _unit(column: Column) -> str:
-    """Key of the unit that the file gives, "" where it gives none."""
+    """Return the key of the unit that the file gives, "" if it gives none."""
     return find_unit_key(column.unit) or split_heading(column.heading)[1]
 
 
@@ -243,7 +244,7 @@ def _take_time(
         return
     if factor == 1.0:
         out["t_s"] = values
-    else:  # divided, so that 5 ms are 0.005 s to the last bit
+    else:  # divide, so that 5 ms is 0.005 s to the last bit
         out["t_s"] = values / (1.0 / factor) if factor < 1.0 else values * factor
         label += f" (in {unit})"
     said.append(f"t from {label}")
@@ -258,7 +259,7 @@ def _take(
     said: list[str],
     asked: list[str],
 ) -> None:
-    """Drive, displacement or target into a unit that recordings have."""
+    """Convert drive, displacement or target to a unit that recordings use."""
     unit, label = find_unit_key(given) or _unit(column), _label(column, number)
     if not unit and role == "u":
         unit, label = "v", f"{label}, taken as volts"
@@ -283,7 +284,7 @@ def _take(
 
 
 def _keep(column: Column, reading: ReadOptions, out: dict[str, Floats]) -> None:
-    """A further channel, under a name that a recording may have."""
+    """Add a further channel, under a name that a recording may use."""
     name, own = split_heading(column.heading.rpartition("/")[2])
     unit = find_unit_key(column.unit) or own
     plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or "channel"
@@ -291,7 +292,7 @@ def _keep(column: Column, reading: ReadOptions, out: dict[str, Floats]) -> None:
         plain = f"{plain}_{unit}"
     elif unit:
         plain = f"{plain}_{UNITS[unit][1]}"
-    if re.fullmatch(r"(t|u|y|target)(_.*)?", plain):  # not what it was found not to be
+    if re.fullmatch(r"(t|u|y|target)(_.*)?", plain):  # its role was ruled out: avoid that role's name
         plain = f"other_{plain}"
     if plain.startswith("temperatur") and unit == "c":
         plain = "temp_c"

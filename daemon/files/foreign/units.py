@@ -1,4 +1,4 @@
-"""Units as people write them, and which of them recordings are kept in."""
+"""Spellings of units, and the units in which recordings are kept."""
 
 import math
 import re
@@ -13,7 +13,7 @@ TIME, VOLTAGE, LENGTH, ANGLE, COUNTS, OTHER = (
 )
 
 UNITS: dict[str, tuple[str, str, float]] = {
-    # as it is written: (what it measures, the unit it is kept in, factor)
+    # spelling: (quantity, unit used in recordings, factor)
     "s": (TIME, "s", 1.0),
     "ms": (TIME, "s", 1e-3),
     "us": (TIME, "s", 1e-6),
@@ -75,7 +75,7 @@ SPELLED = {
 
 
 def find_unit_key(text: str) -> str:
-    """The unit's key in UNITS, "" where it is none: "µm", "Volt", "[ms]"."""
+    """Return the unit's key in UNITS for "µm", "Volt", "[ms]" and so on; "" if it is not a unit."""
     plain = text.strip().strip("[](){}<>").strip().lower().replace("µ", "u").replace("μ", "u")
     plain = SPELLED.get(plain, plain)
     return plain if plain in UNITS else ""
@@ -90,10 +90,10 @@ LONGEST_HEADING = 120
 
 
 def split_heading(text: str) -> tuple[str, str]:
-    """(name, unit's key) of a heading: "Time (s)", "U / V", "t_ms", "Displacement [um]"; unit "":
-    none is given."""
+    """Split a heading into (name, unit's key): "Time (s)", "U / V", "t_ms", "Displacement [um]";
+    the unit is "" if none is given."""
     text = text.strip().strip("\"'").strip()
-    if len(text) > LONGEST_HEADING:  # patterns take time that grows with its square
+    if len(text) > LONGEST_HEADING:  # matching time grows with the square of the length
         return text, ""
     if unit := find_unit_key(text):
         return ("", unit) if len(text) > 1 or unit in ("v", "s") else (text, "")
