@@ -35,7 +35,7 @@ MAGIC = b"\x89MCAP0\r\n"
 
 
 class McapRows:
-    """A recording that grows in chunks: see dehyst.daemon.files.rows.Rows.
+    """A recording that grows in chunks: see dehyst.daemon.files.rows.RowWriter.
 
     file: receives the bytes; names: of the columns, `t_s` first; notes: stored in the file's
     metadata.

@@ -292,7 +292,7 @@ def _keep(column: Column, reading: ReadOptions, out: dict[str, Floats]) -> None:
         plain = f"{plain}_{unit}"
     elif unit:
         plain = f"{plain}_{UNITS[unit][1]}"
-    if re.fullmatch(r"(t|u|y|target)(_.*)?", plain):  # its role was ruled out: avoid that role's name
+    if re.fullmatch(r"(t|u|y|target)(_.*)?", plain):  # not a role that was ruled out
         plain = f"other_{plain}"
     if plain.startswith("temperatur") and unit == "c":
         plain = "temp_c"
