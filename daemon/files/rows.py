@@ -1,9 +1,9 @@
 """Recordings that grow row by row, with one class for each kind of file.
 
- .csv     written line by line
- .csv.gz  written in blocks, each a separate gzip member
- .mcap    written in chunks
- .npz     written in blocks of numbers, converted into the archive on closing
+.csv     written line by line
+.csv.gz  written in blocks, each a separate gzip member
+.mcap    written in chunks
+.npz     written in blocks of numbers, converted into the archive on closing
 
 A block holds at most HELD_S of recorded time, so a kill or a full disk loses no more than that.
 `dehyst convert --unfinished` reads the complete part of every kind. Deleting the file while it

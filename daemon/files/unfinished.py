@@ -1,10 +1,10 @@
 """Recover the complete part of a recording whose writer was killed or found the disk full.
 
- .csv     up to the end of the last complete line, before the first zero byte
- .csv.gz  everything that can be unpacked, up to the end of its last complete line
- .npz     the complete blocks of a file that was never finished (see rows.NpzRows); of a damaged
-          archive, nothing
- .mcap    the complete chunks: see mcap_file
+.csv     up to the end of the last complete line, before the first zero byte
+.csv.gz  everything that can be unpacked, up to the end of its last complete line
+.npz     the complete blocks of a file that was never finished (see rows.NpzRows); of a damaged
+         archive, nothing
+.mcap    the complete chunks: see mcap_file
 """
 
 import io

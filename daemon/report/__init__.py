@@ -1,5 +1,5 @@
-"""Reports and pictures for people.
+"""Reports and pictures.
 
-page builds the page, plotting sets the look of every picture; identification and diagnosis say what
-stands in their reports, *_pictures, coverage and tracking draw.
+page builds the HTML page and plotting sets the style of every picture. identification and diagnosis
+define the content of their reports; *_pictures, coverage and tracking draw.
 """

@@ -1,4 +1,4 @@
-"""Pictures of what a drive covers: for the report of an identification, and for `dehyst excite`."""
+"""Pictures of what a drive covers, for the identification report and for `dehyst excite`."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,7 +9,7 @@ from dehyst.models.units import spell_unit
 
 
 def draw_drive_and_rate(covered: Coverage, unit: str, axes: Axes) -> str:
-    """How often which drive met which rate."""
+    """Draw how often each drive occurs at each rate."""
     counts = np.where(covered.cells > 0, covered.cells, np.nan).T
     image = axes.pcolormesh(
         covered.drive_edges, covered.rate_edges, np.log10(counts), cmap="viridis"
@@ -24,7 +24,7 @@ def draw_drive_and_rate(covered: Coverage, unit: str, axes: Axes) -> str:
 
 
 def draw_loop_sizes(covered: Coverage, axes: Axes) -> str:
-    """The travels between two turns of the drive."""
+    """Draw a histogram of the drive's travel between two reversals."""
     axes.hist(covered.sizes * 100, bins=np.linspace(0, 101, 41).tolist(), color=MODEL)
     for edge in SIZE_EDGES[1:-1]:
         axes.axvline(edge * 100, color=UNUSED, lw=0.8, ls="--")

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: what stands in it, in which order. A technician can read it."""
+"""The diagnosis report: its content and order, written for a technician."""
 
 from functools import partial
 
@@ -21,8 +21,9 @@ MOST_VIEWS = 4
 
 
 def report_diagnosis(diagnosis: Diagnosis, names: list[str]) -> str:
-    """The page as text: the data first, then the verdict and its pair of figures, the findings with
-    their pictures, what is excluded, what to record next. names: the recordings' file names."""
+    """Return the page as HTML text: the data first, then the verdict with its pair of figures, the
+    findings with their pictures, the excluded effects, and the next experiment. names: the
+    recordings' file names."""
     out = Page(TITLES[diagnosis.verdict])
     _data(out, diagnosis, names)
     out.add_text(say_verdict(diagnosis), "lead")
@@ -62,7 +63,7 @@ def report_diagnosis(diagnosis: Diagnosis, names: list[str]) -> str:
 
 
 def say_verdict(diagnosis: Diagnosis) -> str:
-    """The verdict in one sentence."""
+    """Return the verdict in one sentence."""
     k, unit = choose_scale(diagnosis)
     before, after = (k * value for value in diagnosis.before_after)
     noise = f"{k * diagnosis.noise:.3g} {unit}"
@@ -128,7 +129,7 @@ def _finding(out: Page, finding: Finding) -> None:
 
 
 def _parameter(key: str, value: Value) -> list[str]:
-    """Its name without the unit, which stands behind the value."""
+    """Return the table row of a parameter; the unit moves from its name to its value."""
     unit = "" if value.unit == "1" else f" {spell_unit(value.unit)}"
     tail = "_" + value.unit.lower().replace("/", "_per_")
     name = (key.removesuffix(tail) if unit else key).replace("_", " ")

@@ -1,7 +1,7 @@
-"""Pictures of a diagnosis. Each draws on given axes and returns what it shows.
+"""Pictures of a diagnosis. Each function draws on the given axes and returns a description.
 
-To add one: write its function here and name it in diagnosis.py; a further place where the misfit
-may sit is one more line in `list_places`.
+To add one, write its function here and list it in diagnosis.py; to show the misfit over a further
+quantity, add one line to `list_places`.
 """
 
 from collections.abc import Callable
@@ -33,18 +33,18 @@ MODELS = (
     ("base", BEFORE, "model in use"),
     ("augmented", MODEL, "augmented model"),
 )
-STILL = 1e-3  # share of the drive's range within 20 ms below which the drive holds
-FEW = 50  # samples that a place must have
+STILL = 1e-3  # share of the drive's range per 20 samples, below which the drive is held
+FEW = 50  # least number of samples for a picture
 
 
 def choose_scale(diagnosis: Diagnosis) -> tuple[float, str]:
-    """Factor and unit in which the errors of this diagnosis are shown."""
+    """Return the factor and unit in which the errors of this diagnosis are shown."""
     error = max(finite_rms(v.displacement - v.base) for v in diagnosis.views)
     return pick_unit(diagnosis.unit, max(error, diagnosis.noise))
 
 
 def draw_model_error(diagnosis: Diagnosis, view: FitView, axes: Axes) -> str:
-    """The error of one recording before and after."""
+    """Draw the error of one recording before and after."""
     k, unit = choose_scale(diagnosis)
     said = []
     for (name, color, label), when in zip(MODELS, ("before", "after"), strict=True):
@@ -59,7 +59,7 @@ def draw_model_error(diagnosis: Diagnosis, view: FitView, axes: Axes) -> str:
 
 
 def draw_close_look(diagnosis: Diagnosis, view: FitView, axes: Axes) -> str:
-    """The stretch of 2 % in which the augmented model gains most."""
+    """Draw the 2 % of the recording in which the augmented model improves most."""
     gain = (view.displacement - view.base) ** 2 - (view.displacement - view.augmented) ** 2
     width = max(60, min(gain.size // 50, 1500))
     sums = np.convolve(np.where(np.isfinite(gain), gain, 0.0), np.ones(width), "valid")
@@ -76,7 +76,8 @@ def draw_close_look(diagnosis: Diagnosis, view: FitView, axes: Axes) -> str:
 
 
 def draw_error_spectrum(diagnosis: Diagnosis, axes: Axes) -> str:
-    """Amplitude density of the errors against the noise, recordings of one period together."""
+    """Draw the amplitude density of the errors against the noise; recordings with the same period
+    are combined."""
     k, unit = choose_scale(diagnosis)
     longest = max(diagnosis.views, key=lambda v: v.t_s.size)
     period_s = _period_s(longest)
@@ -102,13 +103,14 @@ def draw_error_spectrum(diagnosis: Diagnosis, axes: Axes) -> str:
 
 
 def list_loop(diagnosis: Diagnosis) -> list[Draw]:
-    """What the model in use misses of the loop: by level on both branches, its centre line and
-    width, and by the amplitude of the swing."""
+    """Return pictures of the loop error of the model in use: by drive on both branches with their
+    mean, and by the travel since the last reversal."""
     return [partial(_draw_branches, diagnosis), partial(_draw_swings, diagnosis)]
 
 
 def _draw_branches(diagnosis: Diagnosis, axes: Axes) -> str:
-    """Mean error by drive while rising and while falling, and their mean: the centre line."""
+    """Draw the mean error over the drive while rising and while falling, and their mean: the centre
+    line."""
     k, unit = choose_scale(diagnosis)
     drive, error, rising = _loop_samples(diagnosis)
     edges = np.linspace(drive.min(), drive.max(), 25)
@@ -132,7 +134,7 @@ def _draw_branches(diagnosis: Diagnosis, axes: Axes) -> str:
 
 
 def _draw_swings(diagnosis: Diagnosis, axes: Axes) -> str:
-    """Mean difference of the branches by the swing since the last turn."""
+    """Draw the mean error in the direction of motion over the travel since the last reversal."""
     k, unit = choose_scale(diagnosis)
     _, error, rising = _loop_samples(diagnosis)
     swing = np.concatenate([_swing(v)[v.held_out] for v in diagnosis.views])
@@ -161,7 +163,7 @@ def _loop_samples(diagnosis: Diagnosis) -> tuple[Floats, Floats, Bools]:
 
 
 def _swing(view: FitView) -> Floats:
-    """Way of the drive since its direction last changed."""
+    """Return the travel of the drive since its last reversal."""
     turned = np.r_[True, np.diff(_last_direction(view)) != 0]
     at = np.maximum.accumulate(np.where(turned, np.arange(turned.size), 0))
     return np.abs(view.drive - view.drive[np.maximum(at - 1, 0)])
@@ -175,7 +177,8 @@ def _mean_in(index: np.ndarray, x: Floats, count: int) -> Floats:
 
 
 def list_places(diagnosis: Diagnosis) -> list[Draw]:
-    """Rms of the error by time, drive and direction, rate, time since the turn and in holds."""
+    """Return pictures of the rms error by time, drive and direction, rate, time since the last
+    reversal, and time in holds."""
     views, volts = diagnosis.views, spell_unit(diagnosis.drive_unit)
     drive = np.concatenate([v.drive for v in views])
     span = float(np.ptp(drive)) or 1.0
@@ -205,7 +208,7 @@ def list_places(diagnosis: Diagnosis) -> list[Draw]:
 def _draw_place(
     diagnosis: Diagnosis, place: Floats, edges: Floats, label: str, where: Bools, axes: Axes
 ) -> str:
-    """Steps of the held-out rms in each bin for the models, and the noise."""
+    """Draw the held-out rms error of both models in each bin as steps, and the noise."""
     k, unit = choose_scale(diagnosis)
     held_out = np.concatenate([v.held_out for v in diagnosis.views])
     ok = np.isfinite(place) & where & held_out
@@ -250,12 +253,12 @@ def _log_edges(x: Floats) -> Floats:
 
 
 def _period_s(view: FitView) -> float:
-    """Step of the time stamps [s]; 1 where there is one row."""
+    """Return the step of the time stamps [s]; 1 if there is only one row."""
     return float(np.median(np.diff(view.t_s))) if view.t_s.size > 1 else 1.0
 
 
 def _one_clock(views: tuple[FitView, ...]) -> Floats:
-    """Times [s], one recording after the other."""
+    """Return times [s] that continue from one recording to the next."""
     clock, edge = [], 0.0
     for v in views:
         clock.append(v.t_s - v.t_s[0] + edge)
@@ -268,7 +271,7 @@ def _last_direction(view: FitView) -> Floats:
 
 
 def _carried(x: Floats, good: Callable[[Floats], np.ndarray]) -> Floats:
-    """Every sample holds the last good value before it."""
+    """Replace every sample by the last good value up to it."""
     at = np.where(good(x), np.arange(x.size), 0)
     return np.asarray(x[np.maximum.accumulate(at)])
 
@@ -281,14 +284,14 @@ def _since_turn(view: FitView) -> Floats:
 
 
 def _rate(view: FitView) -> Floats:
-    """Of the drive, without its sign; 0 where there is one row."""
+    """Return the magnitude of the drive's rate; 0 if there is only one row."""
     if view.t_s.size < 2:
         return np.zeros(view.t_s.size)
     return np.abs(np.gradient(view.drive, view.t_s))
 
 
 def _in_hold(view: FitView, span: float) -> Floats:
-    """Time since the drive came to rest; 0 where it moves."""
+    """Return the time since the drive came to rest [s]; 0 while it moves."""
     moves = np.abs(np.diff(view.drive, prepend=view.drive[0])) > STILL * span / 20
     start = np.maximum.accumulate(np.where(moves, np.arange(moves.size), 0))
     return np.where(moves, 0.0, view.t_s - view.t_s[start])

@@ -1,4 +1,4 @@
-"""The report of an identification: what stands in it, in which order."""
+"""The identification report: its content and order."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -40,7 +40,7 @@ ABOUT_PARAMETERS = (
 def report_identification(
     result: Identification, recordings: Sequence[Recording], covered: Coverage, model_name: str
 ) -> str:
-    """The whole page as HTML text."""
+    """Return the whole page as HTML text."""
     out = Page(f"Identification of {model_name}")
     out.add_text(f"From {', '.join(r.name for r in recordings)}, by dehyst {__version__}.", "soft")
     out.add_text(describe(result.model).sentence(), "lead")

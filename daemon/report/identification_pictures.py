@@ -1,6 +1,6 @@
-"""Pictures of an identification. Each draws on given axes and returns what it shows.
+"""Pictures of an identification. Each function draws on the given axes and returns a description.
 
-To add one: write its function here and name it in identification.py.
+To add one, write its function here and list it in identification.py.
 """
 
 import numpy as np
@@ -34,7 +34,7 @@ BINS = 30
 
 
 def draw_few_cycles(result: Identification, recording: Recording, number: int, axes: Axes) -> str:
-    """Measured and model over the last few cycles that were fitted."""
+    """Draw measurement and model over the last few fitted cycles."""
     part = _last_cycles(recording, result, number)
     y = _measured(recording)
     t, m, w = thin_rows(recording.t_s[part], y[part], y[part] - result.residuals[number][part])
@@ -52,7 +52,7 @@ def draw_few_cycles(result: Identification, recording: Recording, number: int, a
 def draw_hysteresis_loop(
     result: Identification, recording: Recording, number: int, axes: Axes
 ) -> str:
-    """The same cycles over the drive."""
+    """Draw the same cycles over the drive."""
     part = _last_cycles(recording, result, number)
     y = _measured(recording)
     u, m, w = thin_rows(recording.drive[part], y[part], y[part] - result.residuals[number][part])
@@ -70,7 +70,7 @@ def draw_hysteresis_loop(
 def draw_residual_over_time(
     result: Identification, recording: Recording, number: int, axes: Axes
 ) -> str:
-    """What the model leaves, the rows that were not fitted in grey."""
+    """Draw the residual over time, with rows that were not fitted in grey."""
     e, noise, unit = _error(result, recording, number)
     used = result.used[number]
     if not used.all():
@@ -91,7 +91,7 @@ def draw_residual_over_time(
 def draw_residual_over_drive(
     result: Identification, recording: Recording, number: int, axes: Axes
 ) -> str:
-    """What the model leaves by drive and direction; the mean of each as a line."""
+    """Draw the residual over the drive for each direction, with the mean of each as a line."""
     e, _, unit = _error(result, recording, number)
     every = 1 + e.size // MOST_ROWS
     step = recording.drive[2::every] - recording.drive[:-2:every]
@@ -119,7 +119,7 @@ def draw_residual_over_drive(
 def draw_residual_spectrum(
     result: Identification, recording: Recording, number: int, axes: Axes
 ) -> str:
-    """What the model leaves by frequency, against white noise of the estimated size."""
+    """Draw the residual's spectrum against white noise of the estimated size."""
     e, noise, unit = _error(result, recording, number)
     f, density = estimate_density([e], recording.period_s)
     axes.plot(f, density, color=MODEL, lw=1.4, label="residual")
@@ -137,7 +137,7 @@ def draw_residual_spectrum(
 
 
 def draw_orders(result: Identification, axes: Axes) -> str:
-    """Held-out error against the number of operators."""
+    """Draw the held-out error against the number of operators."""
     count, held_out = np.array(result.orders).T
     scale, unit = pick_unit(result.model.displacement_unit, float(np.min(held_out)))
     chosen = result.model.hysteresis.n
@@ -155,7 +155,7 @@ def draw_orders(result: Identification, axes: Axes) -> str:
 
 
 def draw_slopes(result: Identification, axes: Axes) -> str:
-    """Slopes after a reversal with their 95 % intervals."""
+    """Draw the slopes after a reversal with their 95 % intervals."""
     h = result.model.hysteresis
     n = h.n
     parts = [("", slice(0, n), MODEL)]
@@ -185,14 +185,14 @@ def _measured(recording: Recording) -> Floats:
 
 
 def _error(result: Identification, recording: Recording, number: int) -> tuple[Floats, float, str]:
-    """(residual (M,), noise rms, unit), all in the unit in which they are shown."""
+    """Return (residual (M,), noise rms, unit), all in the unit in which they are shown."""
     residual = result.residuals[number]
     scale, unit = pick_unit(recording.displacement_unit, finite_rms(residual))
     return residual * scale, result.noise_rms * scale, unit
 
 
 def _means(drive: Floats, error: Floats) -> tuple[Floats, Floats]:
-    """(middles, means) of the error in bins that hold equally many samples."""
+    """Return (bin centres, means) of the error in bins that hold equally many samples."""
     edges = np.quantile(drive, np.linspace(0, 1, BINS + 1))
     index = np.clip(np.searchsorted(edges, drive) - 1, 0, BINS - 1)
     good = np.isfinite(error)
@@ -203,7 +203,8 @@ def _means(drive: Floats, error: Floats) -> tuple[Floats, Floats]:
 
 
 def _last_cycles(recording: Recording, result: Identification, number: int) -> slice:
-    """Rows of the last few cycles that were fitted; a cycle by the strongest line of the drive."""
+    """Return the rows of the last few fitted cycles; the strongest line of the drive's spectrum
+    defines a cycle."""
     at: NDArray[np.intp] = np.flatnonzero(result.used[number])
     if at.size < 16:
         return slice(0, recording.size)

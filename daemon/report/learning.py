@@ -1,4 +1,4 @@
-"""Pictures of learning: the error of each pass, and the first beside the newest."""
+"""Pictures of learning: the error of each pass, and the first pass compared with the newest."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from dehyst.models.recording import Floats
 
 
 def draw_by_pass(outcomes: Sequence[Outcome], unit: str, axes: Axes) -> str:
-    """rms of each pass without the noise."""
+    """Draw the rms error of each pass, noise subtracted."""
     for learned, color, name in (
         (True, MODEL, "learned from"),
         (False, UNUSED, "not learned from"),
@@ -28,7 +28,7 @@ def draw_by_pass(outcomes: Sequence[Outcome], unit: str, axes: Axes) -> str:
 def draw_before_and_after(
     first: Floats, last: Floats, period_s: float, unit: str, axes: Axes
 ) -> str:
-    """The measured error of the first pass and of the newest."""
+    """Draw the measured error of the first and of the newest pass."""
     t_s = period_s * np.arange(first.size)
     axes.plot(t_s, first, color=BEFORE, lw=0.8, label="first pass")
     axes.plot(t_s, last, color=MODEL, lw=0.8, label="newest pass")
@@ -40,7 +40,7 @@ def draw_before_and_after(
 def learning_picture(
     outcomes: Sequence[Outcome], errors: Sequence[Floats], period_s: float, unit: str
 ) -> bytes:
-    """PNG of both. errors: (n,) of the first pass and of the newest."""
+    """Return both pictures as a PNG. errors: (n,) of the first pass and of the newest."""
     return draw_side_by_side(
         (
             lambda axes: draw_by_pass(outcomes, unit, axes),

@@ -1,4 +1,4 @@
-"""Results as they show themselves in a notebook: figures, a table, pictures."""
+"""Results as shown in a notebook: figures, a table, pictures."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -24,7 +24,7 @@ from dehyst.models.units import pick_unit, spell_unit
 def show_identification(
     result: Identification, recordings: Sequence[Recording], figures: Figures
 ) -> str:
-    """The model, its error and two pictures of the first recording."""
+    """Show the model, its error, and two pictures of the first recording."""
     out = Page("Identified model")
     out.add_text(figures.sentence(), "lead")
     out.add_text(verdict(result))
@@ -42,7 +42,8 @@ def show_identification(
 
 
 def show_simulation(recording: Recording, y: Floats, unit: str, words: str) -> str:
-    """The displacement by the model, beside the measured one; words: of the error between them."""
+    """Show the model's displacement together with the measured one; words: the error between
+    them."""
     out = Page(f"Model on {recording.name}")
     if words:
         out.add_text(f"Against the measured displacement: {words}", "lead")
@@ -53,7 +54,7 @@ def show_simulation(recording: Recording, y: Floats, unit: str, words: str) -> s
 def show_drive(
     t_s: Floats, target: Floats, result: Inverted, model: Model, flagged: Mapping[str, int]
 ) -> str:
-    """The drive along a trajectory, and what the model predicts of it."""
+    """Show the drive along a trajectory, and the displacement that the model predicts."""
     out = Page("Drive along the trajectory")
     unit = model.displacement_unit
     error = _figure(result.rms, unit) if np.isfinite(result.rms) else "no target can be reached"
@@ -73,7 +74,7 @@ def show_drive(
 
 
 def show_validation(rows: Sequence[tuple[str, Recording, Validation]]) -> str:
-    """A line for each model and recording, and the first one's pictures."""
+    """Show one row for each model and recording, and the pictures of the first."""
     out = Page("Validation")
     out.add_table(
         ["model", "recording", "error rms", "of the span", "claimed", "offset", "residual"],
@@ -98,7 +99,7 @@ def show_validation(rows: Sequence[tuple[str, Recording, Validation]]) -> str:
 
 
 def show_diagnosis(diagnosis: Diagnosis) -> str:
-    """The verdict, what was found, and the errors before and after."""
+    """Show the verdict, the findings, and the errors before and after."""
     out = Page(TITLES[diagnosis.verdict])
     out.add_bullets(diagnosis.data.says)
     before, after = diagnosis.before_after
@@ -127,7 +128,7 @@ def _figure(value: float, unit: str) -> str:
 
 
 def _draw_simulation(recording: Recording, y: Floats, unit: str, axes: Axes) -> str:
-    """Measured and simulated over time."""
+    """Draw measured and simulated displacement over time."""
     if recording.displacement is not None and recording.displacement_unit == unit:
         t, m = thin_rows(recording.t_s, recording.displacement)
         axes.plot(t, m, ".", color=MEASURED, ms=2.5, label="measured")
@@ -139,7 +140,7 @@ def _draw_simulation(recording: Recording, y: Floats, unit: str, axes: Axes) -> 
 
 
 def _draw_drive(t_s: Floats, drive: Floats, unit: str, axes: Axes) -> str:
-    """The drive over time."""
+    """Draw the drive over time."""
     t, u = thin_rows(t_s, drive)
     axes.plot(t, u, color=MODEL, lw=1.2)
     axes.set(xlabel="time, s", ylabel=f"drive, {spell_unit(unit)}", title="drive")
@@ -147,7 +148,7 @@ def _draw_drive(t_s: Floats, drive: Floats, unit: str, axes: Axes) -> str:
 
 
 def _draw_prediction(t_s: Floats, target: Floats, predicted: Floats, unit: str, axes: Axes) -> str:
-    """Target and prediction over time."""
+    """Draw target and prediction over time."""
     t, goal, y = thin_rows(t_s, target, predicted)
     axes.plot(t, goal, color=MEASURED, lw=3, alpha=0.35, label="target")
     axes.plot(t, y, color=MODEL, lw=1.2, label="predicted")

@@ -1,6 +1,6 @@
-"""The one builder of a report: a self-contained HTML page, read on a desk or on a telephone.
+"""Builds reports: self-contained HTML pages for desktop and phone screens.
 
-Every method adds one element and escapes what it is given; only this file writes HTML.
+Every method adds one element and escapes its arguments; only this file writes HTML.
 """
 
 import base64
@@ -10,8 +10,8 @@ from html import escape
 
 from dehyst.daemon.report.plotting import Draw, draw_picture
 
-# A picture is drawn on white. On a dark screen it is inverted, and its hues are turned back;
-# invert(0.9) makes of white the dark --paper.
+# A picture is drawn on white. On a dark screen it is inverted and its hues are rotated back;
+# invert(0.9) turns white into the dark --paper.
 STYLE = """
 :root{color-scheme:light dark;--ink:#1d1f23;--paper:#fff;--soft:#59606b;--line:#d8dce2;
  --card:#f2f4f7;--mark:#0072b2;--warn:#b3401c}
@@ -51,7 +51,7 @@ img{width:100%;max-width:44em;height:auto;display:block}
  img{filter:invert(.9) hue-rotate(180deg)}}
 """
 
-# Nested in the class of one element: it holds inside it alone.
+# Nested in the class of one element, so that it applies only inside that element.
 NOTEBOOK_STYLE = """
 --line:#8886;--card:#8882;--mark:#0072b2;--warn:#b3401c;max-width:68em;overflow-wrap:break-word;
 .lead{font-size:1.08em}.soft{opacity:.75;font-size:.9em}
@@ -69,7 +69,7 @@ img{width:100%;height:auto;background:#fff}
 
 
 class Page:
-    """A report that is written from top to bottom."""
+    """A report written from top to bottom."""
 
     def __init__(self, title: str) -> None:
         self._title = title
@@ -80,23 +80,23 @@ class Page:
         self._parts.append(f"<h2>{escape(text)}</h2>")
 
     def add_subheading(self, text: str) -> None:
-        """Begin a part of a section."""
+        """Begin a subsection."""
         self._parts.append(f"<h3>{escape(text)}</h3>")
 
     def add_text(self, text: str, kind: str = "") -> None:
-        """A paragraph. kind: "", "lead" (larger) or "soft" (an explanation)."""
+        """Add a paragraph. kind: "", "lead" (larger) or "soft" (an explanation)."""
         self._parts.append(
             f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
         )
 
     def add_bullets(self, lines: Sequence[str]) -> None:
-        """A list; nothing where there are no lines."""
+        """Add a list; add nothing if there are no lines."""
         if lines:
             items = "".join(f"<li>{escape(line)}</li>" for line in lines)
             self._parts.append(f"<ul>{items}</ul>")
 
     def add_cards(self, figures: Sequence[tuple[str, str]]) -> None:
-        """The figures that matter most, as (label, figure with its unit)."""
+        """Add the most important figures, as (label, figure with its unit)."""
         cards = "".join(
             f'<div class="card"><b>{escape(figure)}</b>{escape(label)}</div>'
             for label, figure in figures
@@ -106,7 +106,7 @@ class Page:
     def add_table(
         self, head: Sequence[str], rows: Sequence[Sequence[str]], chosen: int | None = None
     ) -> None:
-        """One line a row, the first cell names it. chosen: the row in bold."""
+        """Add a table; the first cell of each row names it. chosen: index of the row in bold."""
         top = "".join(f'<th scope="col">{escape(cell)}</th>' for cell in head)
         lines = "".join(
             ('<tr class="chosen">' if i == chosen else "<tr>")
@@ -114,20 +114,20 @@ class Page:
             + "</tr>"
             for i, row in enumerate(rows)
         )
-        # a table that is wider than a telephone is moved sideways, with fingers or arrow keys
+        # a table wider than a phone screen scrolls sideways, by touch or arrow keys
         self._parts.append(
             f'<div class="wide" tabindex="0"><table><tr>{top}</tr>{lines}</table></div>'
         )
 
     def add_share(self, share: float) -> None:
-        """A bar that is filled to a share of 0 to 1; the words beside it tell the number."""
+        """Add a bar filled to a share of 0 to 1; the text that follows gives the number."""
         percent = 100 * min(max(share, 0.0), 1.0)
         self._parts.append(
             f'<div class="bar" aria-hidden="true"><div style="width:{percent:.0f}%"></div></div>'
         )
 
     def add_pictures(self, *draws: Draw) -> None:
-        """Pictures, beside each other where there is room for it."""
+        """Add pictures, side by side if there is room."""
         self._parts.append('<div class="pictures">')
         for draw in draws:
             png, shows = draw_picture(draw)
@@ -137,13 +137,13 @@ class Page:
 
     @contextmanager
     def open_box(self, warn: bool = False) -> Iterator[None]:
-        """What is added inside stands in a marked box."""
+        """Put everything added inside into a highlighted box."""
         self._parts.append('<div class="box warn">' if warn else '<div class="box">')
         yield
         self._parts.append("</div>")
 
     def to_html(self) -> str:
-        """The whole page."""
+        """Return the whole page."""
         head = [
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
@@ -153,6 +153,7 @@ class Page:
         return "\n".join([*head, *self._parts, "</main></body></html>"]) + "\n"
 
     def to_fragment(self) -> str:
-        """What was added, for a notebook: in its colours, and with a style that stays inside."""
+        """Return the added elements for a notebook: in its colours, with a style confined to the
+        fragment."""
         head = f'<div class="dehyst"><style>.dehyst{{{NOTEBOOK_STYLE}}}</style>'
         return "\n".join([head, f"<h3>{escape(self._title)}</h3>", *self._parts, "</div>"])

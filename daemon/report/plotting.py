@@ -1,8 +1,8 @@
-"""One look for every picture. matplotlib without a display and without global state.
+"""Common style of all pictures. Uses matplotlib without a display and without global state.
 
-A picture is a function that draws on the axes it is given and returns, in one sentence, what is to
-be seen: the text for those who cannot see it. The same function serves a report, where each picture
-stands alone and a telephone shows it legibly, and a file, where several stand side by side.
+A picture is a function that draws on the given axes and returns one sentence that describes it,
+used as its alternative text. The same function serves a report, where each picture is shown
+separately and must be legible on a phone, and an image file, where several are shown side by side.
 """
 
 import io
@@ -22,10 +22,10 @@ from dehyst.models.recording import Floats
 
 Draw = Callable[[Axes], str]
 
-# One colour, one meaning. Distinct to the colour-blind (Okabe and Ito).
+# Each colour has one meaning. They can be distinguished by the colour-blind (Okabe and Ito).
 MEASURED = "#333333"
-MODEL = "#0072b2"  # the model that the picture is about: identified, augmented, compensating
-BEFORE = "#d55e00"  # what it is compared with: the model before, the linear gain
+MODEL = "#0072b2"  # the picture's own model: identified, augmented, compensating
+BEFORE = "#d55e00"  # the reference: the previous model, the linear gain
 NOISE = "#009e73"
 UP, DOWN = "#a0569b", "#c28a00"  # drive rising, drive falling
 UNUSED = "#9a9a9a"
@@ -44,14 +44,14 @@ STYLE: Any = {
     "legend.frameon": False,
     "legend.fontsize": 8.5,
 }
-SIZE = (4.8, 3.2)  # inches: letters stay legible where this is as wide as a telephone
+SIZE = (4.8, 3.2)  # inches: text stays legible when the picture fills a phone screen
 DPI = 160
 MOST_POINTS = 4000
-MOST_ROWS = 2**21  # of a recording, that a spectrum or a mean is made of: copies of all fill memory
+MOST_ROWS = 2**21  # of a recording for a spectrum or a mean: copies of all rows fill memory
 
 
 def draw_picture(draw: Draw) -> tuple[bytes, str]:
-    """(PNG, what it shows) of one picture."""
+    """Return (PNG, description) of one picture."""
     with _style():
         fig, (axes,) = _figure(1, SIZE)
         shows = _draw_on(axes, draw)
@@ -59,7 +59,7 @@ def draw_picture(draw: Draw) -> tuple[bytes, str]:
 
 
 def draw_side_by_side(draws: Sequence[Draw], widths: Sequence[float]) -> bytes:
-    """PNG of several pictures in a row. widths: relative widths."""
+    """Return a PNG of several pictures in a row. widths: relative widths."""
     with _style():
         fig, panels = _figure(len(draws), (4.2 * len(draws), 3.8), widths)
         for draw, axes in zip(draws, panels, strict=True):
@@ -68,7 +68,7 @@ def draw_side_by_side(draws: Sequence[Draw], widths: Sequence[float]) -> bytes:
 
 
 def draw_rows(rows: Sequence[Sequence[Draw]]) -> bytes:
-    """PNG of several rows of pictures; those of a row share its width."""
+    """Return a PNG of several rows of pictures; the pictures of a row share its width."""
     with _style():
         fig = Figure(figsize=(11.0, 3.4 * len(rows)), layout="constrained")
         FigureCanvasAgg(fig)
@@ -82,18 +82,18 @@ def draw_rows(rows: Sequence[Sequence[Draw]]) -> bytes:
 
 @contextmanager
 def _style() -> Iterator[None]:
-    """The look. What numpy or matplotlib warn of while they draw concerns no reader."""
+    """Apply the style. Warnings of numpy and matplotlib while drawing do not concern the reader."""
     with mpl.rc_context(STYLE), warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         yield
 
 
 def _draw_on(axes: Axes, draw: Draw) -> str:
-    """What the picture shows. One that fails is words in its place: a report loses no finding
-    because a recording cannot be drawn."""
+    """Draw a picture and return its description. If drawing fails, a message takes its place, so
+    that a report loses no finding because a recording cannot be drawn."""
     try:
         shows = draw(axes)
-        axes.get_tightbbox()  # scales and ticks are computed here: what cannot be drawn fails now
+        axes.get_tightbbox()  # computes scales and ticks, so that a failure occurs here
     except Exception as error:  # whatever it is, the other pictures and the words are kept
         says = f"This picture could not be drawn: {str(error) or type(error).__name__}"
         for part in axes.get_children():
@@ -121,16 +121,17 @@ def _figure(
 
 
 def _png(fig: Figure, dpi: int) -> bytes:
-    """Without anything that changes from run to run."""
+    """Return the PNG without metadata that changes from run to run."""
     out = io.BytesIO()
     fig.savefig(out, format="png", dpi=dpi, metadata={"Software": ""})
     return out.getvalue()
 
 
 def draw_trace(axes: Axes, t_s: Floats, values: Floats, color: str, label: str) -> None:
-    """A curve over time; a long one as the band between its extremes, so that no peak is lost.
+    """Draw a curve over time; draw a long one as the band between its extremes, so that no peak is
+    lost.
 
-    t_s, values (M,); where values are NaN nothing is drawn.
+    t_s, values: (M,); NaN values leave a gap.
     """
     if values.size <= MOST_POINTS:
         axes.plot(t_s, values, color=color, lw=0.8, label=label)
@@ -143,7 +144,7 @@ def draw_trace(axes: Axes, t_s: Floats, values: Floats, color: str, label: str) 
 
 
 def scale_by_decades(axes: Axes, x: bool = False, y: bool = False) -> None:
-    """Logarithmic axes, called after the curves are drawn: one with nothing above 0 on it stays
+    """Make axes logarithmic; call after the curves are drawn. An axis without positive data stays
     linear."""
     data = axes.dataLim
     if x and np.isfinite(data.minposx):
@@ -153,26 +154,26 @@ def scale_by_decades(axes: Axes, x: bool = False, y: bool = False) -> None:
 
 
 def thin_rows(*columns: Any) -> list[Any]:
-    """Every k-th row, at most MOST_POINTS of them."""
+    """Return every k-th row, at most MOST_POINTS rows."""
     step = 1 + columns[0].size // MOST_POINTS
     return [c[::step] for c in columns]
 
 
 def finite_rms(error: Floats) -> float:
-    """Of an error (M,), NaN left out; 0 where nothing is left."""
+    """Return the rms of an error (M,) without NaN; 0 if no value is left."""
     good = error[np.isfinite(error)]
     return float(np.sqrt(good @ good / good.size)) if good.size else 0.0
 
 
 def draw_noise_band(axes: Axes, noise: float) -> None:
-    """The band of two standard deviations of the noise around zero."""
+    """Draw the band of two standard deviations of the noise around zero."""
     axes.axhspan(
         -2 * noise, 2 * noise, color=NOISE, alpha=0.35, lw=0, zorder=3, label="noise, two sigma"
     )
 
 
 def limit_to(axes: Axes, error: Floats) -> None:
-    """Show all but the largest thousandth of an error (M,)."""
+    """Set the axis limits to show all but the largest thousandth of an error (M,)."""
     error = error[:: 1 + error.size // MOST_ROWS]
     good = np.abs(error[np.isfinite(error)])
     top = float(np.quantile(good, 0.999)) if good.size else 0.0
@@ -181,13 +182,14 @@ def limit_to(axes: Axes, error: Floats) -> None:
 
 
 def estimate_density(errors: Sequence[Floats], period_s: float) -> tuple[Floats, Floats]:
-    """(frequencies in Hz, amplitude density in unit/sqrt(Hz)) of errors (M_i,), their mean power.
+    """Return (frequencies [Hz], amplitude density [unit/sqrt(Hz)]) of errors (M_i,), averaging
+    their power.
 
-    Welch's method; means over 24 bands a decade, so that lines stay and grass goes. NaN counts as
-    zero. Of a long error the last MOST_ROWS count, up to the last that is known. Empty where there
-    is none: of an error of one row.
+    Uses Welch's method, then averages in 24 bands per decade, which keeps spectral lines and
+    smooths noise. NaN counts as zero. Of a long error, the last MOST_ROWS up to the last known
+    value are used. Empty if an error has only one row.
     """
-    from scipy.signal import welch  # brings all of scipy's statistics with it
+    from scipy.signal import welch  # imported here: it loads all of scipy's statistics
 
     size = min(8192, *(e.size for e in errors))
     if size < 2:
@@ -207,7 +209,7 @@ def estimate_density(errors: Sequence[Floats], period_s: float) -> tuple[Floats,
 
 
 def add_legend(axes: Axes, share: float = 0.3) -> None:
-    """A legend in a share of the height that is added above the curves."""
+    """Add a legend above the curves, in additional height of this share."""
     low, high = axes.get_ylim()
     if axes.get_yscale() == "log":
         axes.set_ylim(low, high * (high / low) ** share)
@@ -217,5 +219,5 @@ def add_legend(axes: Axes, share: float = 0.3) -> None:
 
 
 def white_density(noise: float, period_s: float) -> float:
-    """Amplitude density of white noise of this rms [unit/sqrt(Hz)]."""
+    """Return the amplitude density of white noise of this rms [unit/sqrt(Hz)]."""
     return float(noise * np.sqrt(2 * period_s))

@@ -1,4 +1,4 @@
-"""The picture of a path in the plane."""
+"""Picture of a scan path in the plane."""
 
 from matplotlib.axes import Axes
 
@@ -8,7 +8,8 @@ from dehyst.models.recording import Floats
 
 
 def picture_scan(scan: Scan, x: Floats, y: Floats, axes: tuple[str, str], unit: str) -> bytes:
-    """PNG: the path in the plane, and both targets over time. x, y: (N,) with the centre added."""
+    """Return a PNG of the path in the plane and both targets over time. x, y: (N,) with the centre
+    added."""
 
     def plane(a: Axes) -> str:
         a.plot(x, y, color=UNUSED, lw=0.8, label="turns, way in and back")

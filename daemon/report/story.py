@@ -1,8 +1,8 @@
-"""The picture of a mismatch: the error before, with and after it as bands on one time axis, and one
-second of each, at the same place of the pattern, large enough to see target and measured
-apart.
+"""Picture of a mismatch: the error before, during and after it as bands on one time axis, and one
+second of each phase, at the same position in the pattern, large enough to distinguish target and
+measurement.
 
-story: anything with t_s, target, measured (N,) in um and the times of its events [s].
+story: any object with t_s, target, measured (N,) in um and the times of its events [s].
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,28 +24,28 @@ from dehyst.daemon.report.plotting import (
 from dehyst.models.recording import Bools, Floats
 
 SECOND_S = 1.0
-"""Length of a close look, and of what the band of extremes is made of."""
+"""Length of a close look; also the unit of time for the band of extremes."""
 SETTLE_S = 3.0
-"""After a change the error is that of the change itself."""
-WORDS = 0.35  # of the curves' height, for the words above them
+"""Time after a change in which the error is that of the change itself."""
+WORDS = 0.35  # of the curves' height, for the labels above them
 TELLING = (0.7, 1.3)
-"""A close look shows a second whose error is so many times that of the worst tenth's mildest."""
+"""A close look shows a second whose rms error lies within these multiples of the 90 % quantile."""
 SHOWN = 2.4
-"""The axis goes to so many times the largest rms; a single jump does not flatten it."""
+"""Axis limit as a multiple of the largest rms, so that a single jump does not flatten the curve."""
 EVENTS = (
     ("appeared_s", "an effect appears"),
     ("flagged_s", "flagged"),
     ("reported_s", "named"),
     ("accepted_s", "accepted"),
-    ("over_s", ""),  # what became of it
+    ("over_s", ""),  # the outcome of the offer
 )
 RMS = {"before": "before", "with the effect": "during", "after": "after", "on trial": "trial"}
-"""The figures that are judged, by phase."""
+"""Key of the judged figure for each phase."""
 ENDS = {"accepted": "confirmed", "returned": "went back", "rejected": "rejected"}
 
 
 class StoryData(Protocol):
-    """What is drawn."""
+    """Data for the picture."""
 
     t_s: Floats
     target: Floats
@@ -53,15 +53,15 @@ class StoryData(Protocol):
 
     @property
     def rms(self) -> Mapping[str, float]:
-        """By the keys of RMS, where it was judged on a part of a phase [um]."""
+        """Rms errors [um] by the keys of RMS, if part of a phase was judged."""
 
     @property
     def state(self) -> str:
-        """What became of the offer."""
+        """Outcome of the offer."""
 
 
 class Phase(NamedTuple):
-    """A stretch of the story: which samples, as (N,)."""
+    """A phase of the story; part: (N,) mask of its samples."""
 
     name: str
     color: str
@@ -69,7 +69,8 @@ class Phase(NamedTuple):
 
 
 def list_phases(story: StoryData) -> list[Phase]:
-    """Before the effect, with it, and with the offered model, as far as the story goes."""
+    """Return the phases before the effect, with it, and with the offered model, as far as the story
+    goes."""
     t_s = story.t_s
     if not t_s.size:
         return []
@@ -92,7 +93,7 @@ def list_phases(story: StoryData) -> list[Phase]:
 
 
 def draw_story_bands(story: StoryData, axes: Axes) -> str:
-    """The tracking error over time within the band of its rms, and what happened when."""
+    """Draw the tracking error over time within the band of its rms, with the events marked."""
     error = 1e3 * (story.measured - story.target)
     _draw_extremes(axes, story.t_s, error)
     said, top = [], 0.0
@@ -122,7 +123,8 @@ def draw_story_bands(story: StoryData, axes: Axes) -> str:
 
 
 def list_close_looks(story: StoryData) -> list[Draw]:
-    """One second of each phase, the same second of the pattern, on the same scale."""
+    """Return pictures of one second of each phase: the same second of the pattern, on the same
+    scale."""
     phases = list_phases(story)
     at = _clearest_second(story, phases)
     if at is None:
@@ -138,7 +140,7 @@ def list_close_looks(story: StoryData) -> list[Draw]:
 def draw_one_second(
     story: StoryData, name: str, color: str, window: slice, limits: tuple[float, float], axes: Axes
 ) -> str:
-    """Target and measured of one second."""
+    """Draw target and measurement over one second."""
     t_s = story.t_s[window]
     since = t_s - t_s[0] if t_s.size else t_s
     target, measured = story.target[window], story.measured[window]
@@ -154,14 +156,14 @@ def draw_one_second(
 
 
 def story_picture(story: StoryData) -> bytes:
-    """PNG: the bands above, a close look at each phase below."""
+    """Return a PNG: the bands on top, a close look at each phase below."""
     bands: Draw = partial(draw_story_bands, story)
     looks = list_close_looks(story)
     return draw_rows([[bands], looks] if looks else [[bands]])
 
 
 def _draw_extremes(axes: Axes, t_s: Floats, error: Floats) -> None:
-    """From the least to the largest error of each fifth of a second."""
+    """Draw a band from the least to the largest error in each fifth of a second."""
     if not t_s.size:
         return
     part = np.floor(t_s / (SECOND_S / 5)).astype(int)
@@ -174,8 +176,8 @@ def _draw_extremes(axes: Axes, t_s: Floats, error: Floats) -> None:
 
 
 def _clearest_second(story: StoryData, phases: Sequence[Phase]) -> int | None:
-    """First sample of the second with the effect in which target and measured are farthest apart
-    for the way that is shown."""
+    """Return the first sample of the second with the effect in which the error is largest relative
+    to the range shown."""
     effect = next((one for one in phases if one.name == "with the effect"), None)
     count = _samples_a_second(story)
     if effect is None or count < 2:
@@ -194,8 +196,8 @@ def _clearest_second(story: StoryData, phases: Sequence[Phase]) -> int | None:
 
 
 def _same_second(story: StoryData, phase: Phase, at: int) -> slice | None:
-    """The second of a phase with the same targets as the second at a sample, the newest of several;
-    None: the phase is too short to have one."""
+    """Return the second of a phase with the same targets as the second at a sample, the newest of
+    several; None if the phase is too short, or has no such second."""
     count = _samples_a_second(story)
     if phase.name == "with the effect":
         return slice(at, at + count)
@@ -230,7 +232,7 @@ def _rms(error: Floats) -> float:
 
 
 def _mark(story: StoryData, axes: Axes) -> str:
-    """Lines at what happened, no line beyond the data; in words, all of it."""
+    """Draw lines at the events within the data, and return all events in words."""
     said: list[str] = []
     shown: list[tuple[float, str]] = []
     for name, text in EVENTS:

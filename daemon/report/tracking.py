@@ -1,4 +1,4 @@
-"""Pictures of a stage that follows a trajectory, with one compensation and with another."""
+"""Pictures of a stage that follows a trajectory with two different compensations."""
 
 from dataclasses import dataclass
 
@@ -20,12 +20,12 @@ class Track:
 
     @property
     def rms_nm(self) -> float:
-        """rms of measured minus target [nm]."""
+        """Rms of measured minus target [nm]."""
         return 1e3 * float(np.sqrt(np.nanmean((self.measured_um - self.target_um) ** 2)))
 
 
 def draw_displacements(before: Track, after: Track, title: str, axes: Axes) -> str:
-    """Set-point and displacement over the first two seconds."""
+    """Draw set-point and displacement over the first two seconds."""
     axes.plot(before.t_s, before.target_um, color=MEASURED, lw=3, alpha=0.35, label="set-point")
     for track, color in ((before, BEFORE), (after, MODEL)):
         axes.plot(track.t_s, track.measured_um, color=color, lw=1.2, label=track.name)
@@ -35,7 +35,7 @@ def draw_displacements(before: Track, after: Track, title: str, axes: Axes) -> s
 
 
 def draw_tracking_error(before: Track, after: Track, axes: Axes) -> str:
-    """The tracking error."""
+    """Draw the tracking error over time."""
     said = []
     for track, color in ((before, BEFORE), (after, MODEL)):
         said.append(f"{track.name}: {track.rms_nm:.0f} nm rms")
@@ -52,7 +52,7 @@ def draw_tracking_error(before: Track, after: Track, axes: Axes) -> str:
 
 
 def draw_measured_over_target(before: Track, after: Track, axes: Axes) -> str:
-    """Where the stage should be and where it is."""
+    """Draw the measured displacement over the set-point."""
     for track, color in ((before, BEFORE), (after, MODEL)):
         axes.plot(track.target_um, track.measured_um, color=color, lw=1)
     axes.set(xlabel="set-point, um", ylabel="measured, um", title="measured over set-point")

@@ -1,4 +1,4 @@
-"""The report of a validation: models side by side on recordings that they have not seen."""
+"""The validation report: models compared on recordings that were not used to fit them."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -20,7 +20,8 @@ from dehyst.models.recording import Recording
 
 
 def say_validation(model: str, v: Validation) -> str:
-    """One line on how well a model predicts a recording, and one where its validity is left."""
+    """State in one line how well a model predicts a recording, and add notes on rows outside its
+    validity and on late samples."""
     claim = "no claim to compare" if v.claim is None else f"it claims {v.claim:.4g}"
     verdict = "WORSE than it claims" if v.worse else "as good as it claims"
     text = (
@@ -46,7 +47,7 @@ def say_validation(model: str, v: Validation) -> str:
 
 
 def report_validation(rows: Sequence[tuple[str, Recording, Validation]]) -> str:
-    """The whole page as HTML text. rows: model name, recording, result."""
+    """Return the whole page as HTML text. rows: model name, recording, result."""
     out = Page("Validation")
     out.add_bullets([say_validation(model, result) for model, _, result in rows])
     for model, recording, result in rows:
@@ -60,7 +61,7 @@ def report_validation(rows: Sequence[tuple[str, Recording, Validation]]) -> str:
 
 
 def draw_over_time(recording: Recording, result: Validation, axes: Axes) -> str:
-    """Measured and predicted."""
+    """Draw measured and predicted displacement over time."""
     assert recording.displacement is not None
     t, y, m = thin_rows(recording.t_s, recording.displacement, result.predicted + result.offset)
     axes.plot(t, y, ".", color=MEASURED, ms=2.5, label="measured")
@@ -73,7 +74,7 @@ def draw_over_time(recording: Recording, result: Validation, axes: Axes) -> str:
 
 
 def draw_left(recording: Recording, result: Validation, axes: Axes) -> str:
-    """What is left, over time."""
+    """Draw the residual over time."""
     assert recording.displacement is not None
     error = recording.displacement - result.predicted - result.offset
     draw_trace(axes, recording.t_s, error, MODEL, "left")
@@ -83,7 +84,7 @@ def draw_left(recording: Recording, result: Validation, axes: Axes) -> str:
 
 
 def draw_correlations(result: Validation, axes: Axes) -> str:
-    """Correlations of what is left with itself and with the drive."""
+    """Draw the correlations of the residual with itself and with the drive."""
     at = np.arange(result.with_drive.size)
     axes.plot(at[1:], result.autocorrelation, ".-", color=MODEL, label="with itself")
     axes.plot(at, result.with_drive, ".-", color=MEASURED, label="with the drive")

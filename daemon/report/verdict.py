@@ -1,4 +1,4 @@
-"""Is a residual at the noise? In words, for people."""
+"""State in words whether a residual has reached the noise."""
 
 import math
 
@@ -8,7 +8,7 @@ AT_NOISE = 1.1  # residual over noise
 
 
 def verdict(result: Identification) -> str:
-    """Is the residual at the noise, in words, and what to do if it is not."""
+    """State whether the residual has reached the noise, and what to do if it has not."""
     fit, unit = result.model.fit, result.model.displacement_unit
     rms, noise = fit.rms or 0.0, result.noise_rms
     if not math.isfinite(noise) or noise <= 0.0:
