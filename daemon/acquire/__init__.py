@@ -1,1 +1,1 @@
-"""From a drive in volts to a recording: one axis, or several of one controller."""
+"""Open-loop recording with a drive in volts: one axis, or several axes of one controller."""

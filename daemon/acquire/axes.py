@@ -1,8 +1,8 @@
-"""Open-loop recording of several axes: one after the other, then together.
+"""Record several axes open loop: one after the other, then together.
 
-While one axis moves and the others rest, what it brings to them is plain; while all move, each at
-its own pace, a model shows whether it predicts all of it. Each axis gets a recording of its own,
-in which the displacements and drives of the others stand as channels.
+While one axis moves and the others rest, its cross-coupling to them is seen in isolation; while all
+move, each at its own pace, a model can be tested on the combination. Each axis gets its own
+recording, with the displacements and drives of the others as channels.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,19 +14,19 @@ from dehyst.daemon.config import Config
 from dehyst.models.recording import Floats, Recording
 
 PACES = (1.0, 0.83, 0.71)
-"""How fast each axis goes through the drive while all move: their ratios are no small ones, so that
-no two stay in step."""
+"""Pace of each axis while all move; the ratios are not those of small integers, so that no two axes
+stay in step."""
 
 
 def plan_axes(configs: Sequence[Config], t_s: Floats, drive: Floats) -> tuple[Floats, Floats]:
-    """(N,) times and (N, axes) actuator volts: every axis goes through the drive alone, then all
-    together. drive: (M,), or (M, axes) with one for each. An axis that waits stands at its drive's
-    first value. Raises BadRecording where an axis' limits forbid it."""
+    """Return (N,) times and (N, axes) actuator volts: every axis plays the drive alone, then all
+    play it together. drive: (M,), or (M, axes) with one for each axis. A waiting axis stays at the
+    first value of its drive. Raises BadRecording if it violates an axis' limits."""
     drives = np.repeat(drive[:, None], len(configs), axis=1) if drive.ndim == 1 else drive
     period_s = 1.0 / configs[0].loop.rate_hz
     paces = [PACES[k % len(PACES)] ** (1 + k // len(PACES)) for k in range(len(configs))]
     length_s = float(t_s[-1] - t_s[0])
-    home_s = 0.0  # from the drive's end back to its begin
+    home_s = 0.0  # from the end of the drive back to its beginning
     for config, own in zip(configs, drives.T, strict=True):
         volts = own * config.actuator.gain
         check_drive(config, t_s, volts)
@@ -44,7 +44,7 @@ def plan_axes(configs: Sequence[Config], t_s: Floats, drive: Floats) -> tuple[Fl
 
 
 def _runs(t_s: Floats, drive: Floats, at_s: Floats, pace: float, home_s: float) -> Floats:
-    """The drive at this pace, then home to its first value within home_s."""
+    """Return the drive at this pace, followed by a ramp back to its first value within home_s."""
     times = np.append((t_s - t_s[0]) / pace, (t_s[-1] - t_s[0]) / pace + max(home_s, 1e-9))
     return np.interp(at_s, times, np.append(drive, drive[0]))
 
@@ -58,7 +58,7 @@ def acquire_axes(
     progress: Callable[[float], None] | None = None,
     stop: Callable[[], str] = str,
 ) -> tuple[dict[str, Recording], str]:
-    """The recording of each axis by its name, and the reason where it ended early; see `plan_axes`
+    """Return the recording of each axis by name, and the reason if it ended early. See `plan_axes`
     and `acquire`, whose errors it raises."""
     times, volts_at = plan_axes(configs, t_s, drive)
     return play_axes(configs, times, volts_at, unit, exercise_s, progress, stop)
@@ -73,8 +73,8 @@ def play_axes(
     progress: Callable[[float], None] | None = None,
     stop: Callable[[], str] = str,
 ) -> tuple[dict[str, Recording], str]:
-    """As `acquire_axes`, of volts_at (N, axes) [actuator volts] at the loop's rate from t_s[0] on.
-    Raises BadRecording, too, where an axis' limits forbid it."""
+    """Like `acquire_axes`, for volts_at (N, axes) [actuator volts] at the loop's rate, starting at
+    t_s[0]. Also raises BadRecording if it violates an axis' limits."""
     for k, config in enumerate(configs):
         check_drive(config, t_s, volts_at[:, k])
     period_s = 1.0 / configs[0].loop.rate_hz
@@ -86,7 +86,7 @@ def play_axes(
 
 
 def recordings_of(configs: Sequence[Config], rows: Floats, unit: str) -> dict[str, Recording]:
-    """One recording for each axis, of rows as `play_and_record` has them."""
+    """Return one recording for each axis, from rows as returned by `play_and_record`."""
     drives = {c.axis: rows[:, 1 + 2 * k] / c.actuator.gain for k, c in enumerate(configs)}
     readings = {c.axis: rows[:, 2 + 2 * k] for k, c in enumerate(configs)}
     out = {}

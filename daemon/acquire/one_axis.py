@@ -1,8 +1,8 @@
-"""Open-loop recording: play a drive in volts through the drivers and record what the stage does.
+"""Record open loop: play a drive in volts through the drivers and record the stage's response.
 
-For identification, before there is a model. The output starts and ends where it was, the way to
-the drive's first and from its last voltage goes at the configured ramp; range and slew are
-checked for the whole drive before anything moves.
+Used for identification, before there is a model. The output ends where it started; it is ramped at
+the configured rate to the first voltage of the drive, and back from the last. Range and slew rate
+are checked for the whole drive before anything moves.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ EXERCISE_S = 5.0
 
 
 def check_drive(config: Config, t_s: Floats, volts: Floats) -> None:
-    """Raise BadRecording where a drive [actuator volts] leaves range or slew."""
+    """Raise BadRecording if a drive [actuator volts] exceeds the range or the slew rate."""
     limits, whose = config.limits, f"axis {config.axis}: " if config.axis else ""
     if not np.all(np.isfinite(volts)):
         raise BadRecording(f"{whose}the drive has missing values; nothing was moved")
@@ -45,11 +45,12 @@ def check_drive(config: Config, t_s: Floats, volts: Floats) -> None:
 
 
 def exercise(t_s: Floats, volts: Floats, seconds: float, period_s: float) -> Floats:
-    """Full loops between the drive's ends before it is recorded, no faster than the drive itself.
+    """Return full loops over the drive's range [actuator volts], no faster than the drive itself,
+    to be played before the recording.
 
-    A stage that has rested creeps for the first loops, and a model identified from them is off by
-    what later loops no longer do: on the simulated stage the tracking error is a third after five
-    seconds of exercise. Empty for 0 seconds or a drive that does not move.
+    A stage that has rested creeps during the first loops, and a model identified from them is wrong
+    for later loops: on the simulated stage, five seconds of exercise reduce the tracking error to a
+    third. Empty for 0 seconds or a drive that does not move.
     """
     low, span = float(volts.min()), float(np.ptp(volts))
     if seconds <= 0 or span == 0:
@@ -71,11 +72,11 @@ def acquire(
 ) -> tuple[Recording, str]:
     """Play `drive` [model drive units] at loop.rate_hz and record, at the loop's priority.
 
-    The stage is exercised first (see `exercise`). The drive is interpolated on the loop's grid;
-    time stamps are the real ones, a reading that failed is NaN, a late sample shows as a gap.
-    Where `stop` gives a reason, or a device fails, it ends early: what was recorded so far comes
-    back with the reason, "" at the drive's end. Raises DriverError, BadInput, BadRecording; also
-    where it ended before the first sample.
+    The stage is exercised first (see `exercise`). The drive is interpolated on the loop's sampling
+    times; time stamps are measured, a failed reading is NaN, and a late sample is a gap. If `stop`
+    returns a reason, or a device fails, recording ends early: the samples so far are returned with
+    the reason ("" if the drive was played to its end). Raises DriverError, BadInput, BadRecording;
+    also if it ended before the first sample.
     """
     volts = drive * config.actuator.gain
     check_drive(config, t_s, volts)
@@ -101,11 +102,11 @@ def play_and_record(
     progress: Callable[[float], None] | None = None,
     stop: Callable[[], str] = str,
 ) -> tuple[Floats, str]:
-    """Write volts_at (N, axes) [actuator volts], one row a period, behind loops (M, axes) of
+    """Write volts_at (N, axes) [actuator volts], one row per period, after loops (M, axes) of
     exercise; the outputs start and end where they were.
 
-    (rows, 1 + 2 axes): time [s], then of each axis the voltage in force and the reading; and the
-    reason where it ended early. Raises as `acquire`.
+    Return rows (n, 1 + 2 axes): time [s], then the voltage in force and the reading of each axis;
+    and the reason if it ended early. Raises the same errors as `acquire`.
     """
     rows = np.full((volts_at.shape[0], 1 + 2 * len(configs)), np.nan)
     ended = ""
@@ -124,7 +125,7 @@ def play_and_record(
 
 
 class _Player(NamedTuple):
-    """What playing needs beside the devices."""
+    """What playing needs in addition to the devices."""
 
     configs: Sequence[Config]
     stop: Callable[[], str]
@@ -132,7 +133,7 @@ class _Player(NamedTuple):
 
 
 class _Links(NamedTuple):
-    """The devices of the axes, in their order."""
+    """Devices of the axes, in order."""
 
     actuators: list[DeviceLink]
     sensors: list[DeviceLink]
@@ -143,7 +144,7 @@ class _Links(NamedTuple):
 
 
 def _link(configs: Sequence[Config]) -> _Links:
-    """The devices, not open yet."""
+    """Create the devices, not yet opened."""
     links = _Links([], [])
     for config in configs:
         actuator, sensor = config.actuator, config.sensor
@@ -161,8 +162,8 @@ def _run(
     rows: Floats,
     progress: Callable[[float], None] | None,
 ) -> str:
-    """Fill the rows of time, voltages in force and readings; the outputs end where they were. The
-    reason where it ended early."""
+    """Fill the rows with time, voltages in force and readings; the outputs end where they were.
+    Return the reason if it ended early."""
     configs = player.configs
     links = _link(configs)
     try:
@@ -191,14 +192,15 @@ def _run(
                 _go_to(player, links, volts_at[0])
                 ended = _play(player, links, volts_at, rows, progress)
         finally:
-            _go_to(player, links, starts)  # from wherever they stand, also when interrupted
+            _go_to(player, links, starts)  # from their present values, also when interrupted
     finally:
         links.close()
     return ended
 
 
 def _go_to(player: _Player, links: _Links, volts: Sequence[float] | Floats) -> None:
-    """Ramp one output after the other; one that fails stays, and the others go all the same."""
+    """Ramp one output after the other; one that fails stays where it is, and the others still
+    move."""
     failed: DriverError | None = None
     for config, link, goal in zip(player.configs, links.actuators, volts, strict=True):
         if link.ok:
@@ -218,7 +220,7 @@ def _play(
     rows: Floats,
     progress: Callable[[float], None] | None,
 ) -> str:
-    """Write volts_at, one row a period; the reason where it ended early."""
+    """Write volts_at, one row per period; return the reason if it ended early."""
     period_ns = player.configs[0].period_ns
     first = clock.monotonic_ns() + period_ns
     at = volts_at[0].tolist()
@@ -227,7 +229,7 @@ def _play(
             return reason
         due = first + i * period_ns
         if clock.monotonic_ns() > due + period_ns:
-            continue  # too late for this sample: a gap, not a burst
+            continue  # too late for this sample: leave a gap, do not catch up in a burst
         player.sleep_until(due)
         time_ns = clock.monotonic_ns()
         readings = [
@@ -245,7 +247,7 @@ def _play(
 
 
 def _read(config: Config, link: DeviceLink) -> float:
-    """A reading [displacement unit]; NaN where it failed."""
+    """Return a reading [displacement unit]; NaN if it failed."""
     try:
         return float(link.device.read()) * config.sensor.scale + config.sensor.zero
     except DriverError:
