@@ -1,1 +1,1 @@
-"""The simulated and the emulated bench that need no hardware: their configurations."""
+"""Configurations of the simulated and the emulated bench, which need no hardware."""

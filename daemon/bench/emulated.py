@@ -1,5 +1,5 @@
-"""The emulated bench of a configuration: `dehyst setup --emulated` makes it, `dehyst run --config`
-starts it again. A note in the folder of its ports says which bench it is."""
+"""Emulated bench of a configuration: `dehyst setup --emulated` creates it, and `dehyst run
+--config` starts it again. A note in the folder of its ports identifies the bench."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -15,14 +15,14 @@ NOTE = "emulated.json"
 
 
 def note_bench(folder: Path, arguments: list[str]) -> None:
-    """Write down which bench has its ports in `folder`: the options of `dehyst emulate`."""
-    with whole_file(folder / NOTE) as file:  # files.models has write_text, and brings numba
+    """Store the options of `dehyst emulate` for the bench whose ports are in `folder`."""
+    with whole_file(folder / NOTE) as file:  # not files.models.write_text, which imports numba
         file.write(json.dumps({"emulate": arguments}).encode() + b"\n")
 
 
 def noted(folder: Path) -> list[str]:
-    """The options of the bench whose ports are in `folder`; none where there is no note. Raises
-    BadInput where it cannot be read."""
+    """Return the options of the bench whose ports are in `folder`; empty if there is no note.
+    Raises BadInput if it cannot be read."""
     path = folder / NOTE
     if not path.is_file():
         return []
@@ -33,14 +33,14 @@ def noted(folder: Path) -> list[str]:
 
 
 def command_of(folder: Path, arguments: list[str]) -> str:
-    """The command that starts it by itself."""
+    """Return the command that starts the bench alone."""
     return " ".join(["dehyst emulate", *arguments, "--dir", str(folder)])
 
 
 @contextmanager
 def started_for(controller: Controller, say: Callable[[str], None]) -> Iterator[None]:
-    """The bench of a configuration while it is used; nothing where its ports are hardware, or where
-    the bench runs already. Raises BadInput where its note cannot be read."""
+    """Run the bench of a configuration while it is in use. Do nothing if its ports are hardware, or
+    if the bench is already running. Raises BadInput if its note cannot be read."""
     port = controller.axes[0].actuator.settings.get("port")
     folder = Path(str(port)).parent if isinstance(port, str) else Path()
     if not isinstance(port, str) or Path(port).exists() or not (folder / NOTE).is_file():

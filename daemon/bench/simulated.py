@@ -1,7 +1,7 @@
-"""A configuration for the emulated bench, and a first model of its stage.
+"""Configuration of the emulated bench, and a first model of its stage.
 
-What `dehyst run` without --config and `dehyst demo` start from: an MDT693B and a KSG101 emulated
-on pseudo terminals, with the simulated stage behind them.
+`dehyst run` without --config and `dehyst demo` start from it: an MDT693B and a KSG101 emulated on
+pseudo terminals and connected to the simulated stage.
 """
 
 from collections.abc import Mapping
@@ -14,14 +14,14 @@ import numpy as np
 from dehyst.daemon.files.outputs import whole_file
 from dehyst.models.errors import BadModel
 
-if TYPE_CHECKING:  # a start of the bench with the model that is shipped needs no numba
+if TYPE_CHECKING:  # starting the bench with the shipped model needs no numba
     from dehyst.drivers.simulated.settings import StageSettings
     from dehyst.models.model import Model
     from dehyst.models.recording import Floats
 
 SHIPPED_MODEL = Path(__file__).with_name("simulated-stage.toml")
-"""What `simulated_model()` identifies."""
-RATE_HZ = 200.0  # what an MDT693B sustains over serial
+"""The model that `simulated_model()` identifies."""
+RATE_HZ = 200.0  # sustained by an MDT693B over serial
 AXES_RATE_HZ = 100.0  # with several axes on it
 FULL_SCALE_V = 150.0
 
@@ -94,7 +94,8 @@ port = "{sensor}"
 
 
 def exploring_drive(rate_hz: float = RATE_HZ, seconds: float = 12.0) -> "tuple[Floats, Floats]":
-    """(t_s, volts): a sine whose amplitude shrinks and grows, from 0 V and back to it."""
+    """Return (t_s, volts): a sine whose amplitude shrinks and grows again, from 0 V and back to 0
+    V."""
     t_s = np.arange(round(rate_hz * seconds)) / rate_hz
     phase = 2 * np.pi * t_s
     envelope = np.interp(t_s / seconds, [0.0, 0.2, 0.6, 1.0], [1.0, 1.0, 0.15, 1.0])
@@ -104,22 +105,22 @@ def exploring_drive(rate_hz: float = RATE_HZ, seconds: float = 12.0) -> "tuple[F
 
 
 def simulated_model(settings: "StageSettings | None" = None) -> "Model":
-    """A model of a simulated stage (None: the default one), identified from its own simulated
-    recording."""
+    """Return a model of a simulated stage (None: the default one), identified from its own
+    simulated recording."""
     from dehyst.drivers.simulated.stage import SimulatedStage
     from dehyst.models.identify import identify
     from dehyst.models.recording import Recording
 
     t_s, volts = exploring_drive()
     _, reading = SimulatedStage(settings).run(t_s, volts)
-    held = np.concatenate([[0.0], volts[:-1]])  # a reading belongs to the voltage before it
+    held = np.concatenate([[0.0], volts[:-1]])  # a reading belongs to the previous voltage
     recording = Recording(t_s=t_s, drive=held, displacement=reading, name="simulated stage")
     return identify([recording]).model
 
 
 @dataclass(frozen=True)
 class Imitation:
-    """The simulated stage scaled to a model: so that any model can be tried without its stage.
+    """The simulated stage scaled to a model, so that any model can be tried without its stage.
 
     gain: amplifier volts per drive unit; zero: the model's displacement of the unloaded stage;
     stage: options for `dehyst emulate`.
@@ -131,7 +132,8 @@ class Imitation:
 
     @classmethod
     def of(cls, model: "Model") -> "Imitation":
-        """Full scale at the end of the model's drive range, the stroke that of the model."""
+        """Map full scale to the end of the model's drive range, and give the stage the model's
+        stroke. Raises BadModel if the drive range ends at or below 0."""
         from dehyst.models.hysteresis.forward import simulate_hysteresis
 
         valid = model.validity
@@ -159,11 +161,11 @@ def write_bench(
     trim: bool = True,
     more: str = "",
 ) -> Path:
-    """Write config.toml (and model.toml where a model or its file is given) into directory; the
-    config's path.
+    """Write config.toml (and model.toml if a model or its file is given) into directory; return the
+    path of the configuration.
 
-    ports: {"mdt693b": path, "ksg101": path}, as `dehyst emulate` prints them; trim: the
-    gauge corrects the target; more: further sections.
+    ports: {"mdt693b": path, "ksg101": path}, as `dehyst emulate` prints them; trim: the gauge
+    corrects the target; more: further sections.
     """
     config = directory / "config.toml"
     if model is not None:
@@ -197,8 +199,8 @@ def write_axes_bench(
     rate_hz: float = AXES_RATE_HZ,
     more: str = "",
 ) -> Path:
-    """Write config.toml for the axes of an emulated bench, and model-AXIS.toml where a model is
-    given, into directory; the config's path.
+    """Write config.toml for the axes of an emulated bench, and model-AXIS.toml for each model
+    given, into directory; return the path of the configuration.
 
     ports: {"mdt693b": path, "ksg101-x": path, ...}, as `dehyst emulate --axes 3` prints them;
     models: by axis; trim, more: as in write_bench.
