@@ -1,1 +1,2 @@
-"""The story of `dehyst demo`: two acts, what is drawn by chance, how busy the machine is."""
+"""The two parts of `dehyst demo`, its randomly drawn effect, and a measure of how busy the machine
+is."""

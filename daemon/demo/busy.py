@@ -1,5 +1,5 @@
-"""How busy this machine is with other work: whether a test in real time can be judged, and how much
-longer its waits take. Reads /proc; where there is none, nothing is known and nothing is said."""
+"""Measure how busy this machine is with other work: whether a real-time test can be judged, and how
+much longer its waits take. Reads /proc; without it, the machine counts as quiet."""
 
 import os
 from collections.abc import Callable, Iterable
@@ -9,26 +9,27 @@ from pathlib import Path
 from dehyst.daemon import clock
 
 SO_IT_WAS, IT_WAS_NOT, TOO_BUSY = 0, 1, 77
-"""Exit statuses of a test in real time. 77 is what test suites know as skipped."""
+"""Exit statuses of a real-time test. Test suites treat 77 as skipped."""
 MOST_LATE = 0.02
-"""With more late samples tracking errors are the machine's, not the model's."""
+"""With a larger share of late samples, the machine determines the tracking error, not the model."""
 MOST_OTHERS = 0.25
-"""Share of all processors that other work may take: beyond it, what computes at the lowest priority
-no longer has a processor for itself."""
+"""Largest share of all processors used by other work: above it, a process at the lowest priority no
+longer has a processor to itself."""
 MOST_STOLEN = 0.05
-"""Share of the time that a hypervisor may keep: at 200 Hz it makes one sample in twenty late."""
+"""Largest share of time taken by a hypervisor: at 200 Hz this makes one sample in twenty late."""
 MOST_LOAD = 1.5
-"""Processes a processor: beyond it each waits for others a third of its time."""
+"""Largest number of processes per processor: above it, each waits for others a third of its
+time."""
 MOST_STRETCH = 6.0
-"""No wait takes more than so many times its time on a quiet machine."""
+"""Longest wait, as a multiple of the wait on a quiet machine."""
 SAY_S, MEASURE_S = 20.0, 2.0
-"""No wait is longer without a word; over such a stretch it is measured how busy the machine is."""
+"""SAY_S: longest wait without a message; MEASURE_S: interval over which the load is measured."""
 
 
 @dataclass(frozen=True)
 class Busy:
-    """others, stolen, late: shares of 0 to 1: of the processors' time taken by other work and by a
-    hypervisor, of the samples that missed their deadline; load: processes a processor."""
+    """others, stolen: shares of processor time (0 to 1) taken by other work and by a hypervisor;
+    late: share of samples that missed their deadline; load: processes per processor."""
 
     others: float = 0.0
     stolen: float = 0.0
@@ -37,7 +38,7 @@ class Busy:
 
     @property
     def why(self) -> str:
-        """Why nothing can be judged on this machine now, in words; "": it can."""
+        """Reason why nothing can be judged on this machine now; "" if it can."""
         said = []
         if self.late > MOST_LATE:
             said.append(f"{100 * self.late:.0f} % of the samples missed their deadline")
@@ -51,8 +52,8 @@ class Busy:
 
     @property
     def stretch(self) -> float:
-        """How many times longer than on a quiet machine a wait may take, 1 to MOST_STRETCH; late
-        samples alone say nothing of that."""
+        """Factor by which a wait may be longer than on a quiet machine, 1 to MOST_STRETCH; late
+        samples alone do not increase it."""
         if not replace(self, late=0.0).why:
             return 1.0
         left = max(1.0 - self.others - self.stolen, 1e-9)
@@ -61,8 +62,8 @@ class Busy:
 
 @dataclass(frozen=True)
 class ProcessorTicks:
-    """Up to now, in ticks of all processors: total, idle, stolen, own (this process and all that it
-    started); at_s: when."""
+    """Ticks of all processors since start-up: total, idle, stolen, own (this process and all its
+    descendants); at_s: time of reading."""
 
     at_s: float
     total: int
@@ -72,7 +73,7 @@ class ProcessorTicks:
 
 
 def read_spent(proc: Path = Path("/proc")) -> ProcessorTicks:
-    """What the processors did since the machine started."""
+    """Read the processor ticks since the machine started."""
     try:
         first = (proc / "stat").read_text().partition("\n")[0]
     except OSError:
@@ -85,7 +86,7 @@ def read_spent(proc: Path = Path("/proc")) -> ProcessorTicks:
 
 
 def busy_between(first: ProcessorTicks, last: ProcessorTicks, late: float = 0.0) -> Busy:
-    """How busy the machine was between two looks. late: share of the samples that were late."""
+    """Return how busy the machine was between two readings. late: share of late samples."""
     total = last.total - first.total
     if total <= 0:
         return Busy(late=late)
@@ -96,24 +97,25 @@ def busy_between(first: ProcessorTicks, last: ProcessorTicks, late: float = 0.0)
 
 
 def _load() -> float:
-    """Processes that run or want to, over the last minute, for each processor of this process."""
+    """Return the running and waiting processes, averaged over the last minute, per processor of
+    this process."""
     return os.getloadavg()[0] / len(os.sched_getaffinity(0))
 
 
 def _processes(proc: Path) -> Iterable[tuple[int, int, int]]:
-    """(process, its parent, ticks that it and its children that have ended took)."""
+    """Yield (process, its parent, ticks used by it and its ended children)."""
     for path in proc.iterdir():
         if not path.name.isdigit():
             continue
         try:
             words = (path / "stat").read_text().rpartition(")")[2].split()
         except OSError:
-            continue  # it has ended meanwhile
+            continue  # it has just ended
         yield int(path.name), int(words[1]), sum(int(word) for word in words[11:15])
 
 
 def _time_of_family(top: int, processes: Iterable[tuple[int, int, int]]) -> int:
-    """Ticks of a process and all that come from it."""
+    """Return the ticks of a process and all its descendants."""
     known = {pid: (parent, ticks) for pid, parent, ticks in processes}
     total = 0
     for pid, (_, ticks) in known.items():
@@ -126,8 +128,8 @@ def _time_of_family(top: int, processes: Iterable[tuple[int, int, int]]) -> int:
 
 
 class Patience:
-    """How long something is waited for: `seconds` on a quiet machine, longer on a busy one. say:
-    gets a line now and then, with what it `waits` for."""
+    """Time limit of a wait: `seconds` on a quiet machine, longer on a busy one. say: receives a
+    line now and then, with what it `waits` for."""
 
     def __init__(self, seconds: float, waits: str, say: Callable[[str], None]) -> None:
         self._left_s, self._waits, self._say = seconds, waits, say
@@ -137,11 +139,11 @@ class Patience:
 
     @property
     def over(self) -> bool:
-        """Whether it has been waited long enough."""
+        """Whether the time limit has passed."""
         return self._left_s <= 0.0
 
     def look(self) -> None:
-        """Some time has passed; how busy was the machine?"""
+        """Account for the time since the last call, and for how busy the machine was."""
         now_ns = clock.monotonic_ns()
         passed_s, self._seen_ns = (now_ns - self._seen_ns) / clock.NS, now_ns
         if now_ns / clock.NS - self._measured.at_s >= MEASURE_S:
@@ -150,7 +152,7 @@ class Patience:
         self.pass_by(passed_s, self._busy)
 
     def pass_by(self, seconds: float, busy: Busy) -> None:
-        """So much time has passed on a machine that was so busy."""
+        """Account for `seconds` on a machine that was this busy."""
         self.spent_s += seconds
         self._left_s -= seconds / busy.stretch
         if self.spent_s - self._said_s >= SAY_S:

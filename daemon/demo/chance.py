@@ -1,7 +1,7 @@
-"""An effect that is drawn by chance and appears in the simulated stage while it runs.
+"""An effect, drawn at random, that appears in the simulated stage while it runs.
 
-Who tells the story does not look in here: it lets the effect appear, and asks at the end what was
-drawn. The same seed draws the same.
+The demo does not look inside: it triggers the effect, and asks at the end what was drawn. The same
+seed draws the same effect.
 """
 
 import json
@@ -14,8 +14,8 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Drawn:
-    """name: in the diagnosis' words; says: for people; stage: settings of the simulated stage;
-    wait_s: how long the stage goes on as it was."""
+    """name: as in the diagnosis; says: description; stage: settings of the simulated stage; wait_s:
+    time before the effect appears."""
 
     name: str
     says: str
@@ -61,7 +61,7 @@ EFFECTS: dict[str, Callable[[random.Random], tuple[str, dict[str, float]]]] = {
 
 
 class Chance:
-    """seed: None: a new one. `appear` lets the effect act; `drawn` tells it."""
+    """Draws an effect. seed: None: a new one. `appear` triggers the effect; `drawn` reveals it."""
 
     def __init__(self, seed: int | None, control: str) -> None:
         self.seed = random.SystemRandom().randrange(1, 1_000_000) if seed is None else seed
@@ -73,15 +73,15 @@ class Chance:
 
     @property
     def wait_s(self) -> float:
-        """So long the stage goes on as it was."""
+        """Time that the stage continues unchanged [s]."""
         return self._drawn.wait_s
 
     def appear(self) -> None:
-        """From now on the stage is another one; it stays where it is."""
+        """Change the stage from now on, without moving it."""
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as link:
             order = {"stage": self._drawn.stage}
             link.sendto(json.dumps(order).encode(), str(Path(self._control)))
 
     def drawn(self) -> Drawn:
-        """At the end: what it was."""
+        """Return what was drawn; called at the end."""
         return self._drawn

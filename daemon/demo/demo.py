@@ -1,4 +1,4 @@
-"""The story that `dehyst demo` tells: a user's own steps, with the user's own commands."""
+"""First part of `dehyst demo`: a user's own steps, with the user's own commands."""
 
 import json
 import os
@@ -32,34 +32,34 @@ if TYPE_CHECKING:
     from dehyst.daemon.demo.second_act import Story
 
 CYCLES = 6
-STROKE_SHARE = 0.94  # of the reachable range; the rest is margin at both ends
-SECOND_SHARE = 0.9  # the same of the second act
+STROKE_SHARE = 0.94  # of the reachable range; the remainder is margin at both ends
+SECOND_SHARE = 0.9  # the same in the second part
 START_S, COMMAND_S, END_S = 240.0, 240.0, 60.0
-"""The daemon's start (with a cold cache the kernels are compiled first), a command, and the end of
-one that is asked to end are waited for on a quiet machine."""
+"""Time limits on a quiet machine: the daemon's start (with a cold cache, the kernels are compiled
+first), a command, and the end of a command that was asked to stop."""
 
 
 def free_port() -> int:
-    """A TCP port on the loopback that nobody listens on."""
+    """Return a TCP port on the loopback interface on which nobody listens."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 class Demo:
-    """One run. folder: scratch; output: what the user keeps."""
+    """One run. folder: scratch; output: files that the user keeps."""
 
     def __init__(self, folder: Path, output: Path, say: Callable[[str], None]) -> None:
         self.folder, self.output, self.say = folder, output, say
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.rate_hz = RATE_HZ
         self.stroke_um = 0.0
-        self.late_share = 0.0  # of the samples of the worse run
+        self.late_share = 0.0  # of the samples in the worse run
         self.tracks: dict[str, Recording] = {}
         self._children: list[subprocess.Popen[bytes]] = []
         say("1. an emulated MDT693B and KSG101 with a simulated stage")
         self._bench = BenchProcess(folder, [])
-        ports = self._bench.ports  # what feed-forward alone does
+        ports = self._bench.ports  # no trim: shows feed-forward alone
         self._config = write_bench(folder, ports, "demo", self.endpoint, None, trim=False)
 
     def excite_and_record(self, progress: Callable[[float], None]) -> None:
@@ -78,7 +78,7 @@ class Demo:
         )
 
     def identify(self) -> None:
-        """`dehyst identify`, and a straight line through the same recording."""
+        """Run `dehyst identify`, and fit a straight line to the same recording."""
         self.say("3. identify a model from that recording")
         path = self.output / "recording.csv"
         self._dehyst("identify", str(path), "-o", str(self.output / "model.toml"), "--json")
@@ -92,7 +92,8 @@ class Demo:
         )
 
     def track(self) -> dict[str, float]:
-        """Run the daemon, play a sine with each model; rms tracking errors by name [um]."""
+        """Run the daemon and play a sine with each model; return rms tracking errors by name
+        [um]."""
         model = load_model(self.output / "model.toml")
         from dehyst.daemon.config.drives import drive_range
         from dehyst.models.cascade.reach import displacement_range
@@ -117,7 +118,7 @@ class Demo:
         return results
 
     def second_act(self, seed: int | None) -> "Story":
-        """Something changes while the stage runs; the service finds out. A daemon of its own, with
+        """Change the stage while it runs, and let the service find out. Uses a separate daemon with
         the identified model and a doctor."""
         from dehyst.daemon.config.drives import drive_range
         from dehyst.daemon.demo.chance import Chance
@@ -161,7 +162,8 @@ class Demo:
         raise DehystError(f"the daemon did not start within {patience.spent_s:.0f} s")
 
     def _play(self, name: str, trajectory: Path) -> float:
-        """Stream the trajectory from a separate process while another records; rms error [um]."""
+        """Stream the trajectory from a separate process while another records; return the rms error
+        [um]."""
         path = self.output / f"track-{name}.csv"
         to = ("--connect", self.endpoint)
         recorder = self._start("record", *to, "-o", str(path), "--force")
@@ -200,7 +202,7 @@ class Demo:
             return json.loads(said.read())
 
     def _wait_for(self, child: subprocess.Popen[bytes], waits: str, seconds: float) -> None:
-        """Until it has ended, longer on a busy machine."""
+        """Wait until the process has ended, longer on a busy machine."""
         patience = Patience(seconds, waits, self.say)
         while child.poll() is None:
             if patience.over:
@@ -210,7 +212,7 @@ class Demo:
             patience.look()
 
     def close(self) -> None:
-        """End everything that was started, the bench last."""
+        """Stop everything that was started, the bench last."""
         self._end_children()
         self._bench.close()
 
@@ -228,7 +230,8 @@ class Demo:
 
 
 def sine_part(t_s: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Samples of the sine after its first period: without approach, and without the end's hold."""
+    """Return the samples of the sine after its first period, without the approach and the final
+    hold."""
     moving = np.abs(np.gradient(np.nan_to_num(target), t_s)) > 1e-9
     if not moving.any():
         raise DehystError("the daemon did not follow the trajectory")
@@ -237,15 +240,15 @@ def sine_part(t_s: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[
 
 
 def rms_error(recording: Recording, part: NDArray[np.bool_]) -> float:
-    """rms of measured minus target over a part [um]."""
+    """Return the rms of measured minus target over a part [um]."""
     assert recording.displacement is not None
     error = (recording.displacement - recording.channels["target_um"])[part]
     return float(np.sqrt(np.nanmean(error**2)))
 
 
 def compare_errors(linear: float, compensated: float, late_share: float) -> tuple[int, str]:
-    """(SO_IT_WAS, IT_WAS_NOT or TOO_BUSY: whether compensation made the rms error smaller; what a
-    person should know of that)."""
+    """Return (SO_IT_WAS, IT_WAS_NOT or TOO_BUSY, an explanation): whether compensation reduced the
+    rms error."""
     if late_share > MOST_LATE:
         return TOO_BUSY, (
             f"this machine was too busy to judge: {100 * late_share:.0f} % of the samples missed "
@@ -259,12 +262,13 @@ def compare_errors(linear: float, compensated: float, late_share: float) -> tupl
 
 
 def join_acts(codes: Sequence[int]) -> int:
-    """The exit status of the whole story: what was not so counts before what cannot be judged."""
+    """Return the exit status of the whole demo: a failure takes precedence over what cannot be
+    judged."""
     return next((code for code in (IT_WAS_NOT, TOO_BUSY) if code in codes), SO_IT_WAS)
 
 
 def draw_demo(demo: Demo, path: Path) -> None:
-    """Target, measured and error over time, and the loop target to measured, as a PNG file."""
+    """Draw target, measurement and error over time, and measured over target, as a PNG file."""
     from dehyst.daemon.report import tracking
     from dehyst.daemon.report.plotting import draw_side_by_side
 

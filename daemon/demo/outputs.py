@@ -1,4 +1,4 @@
-"""The files that `dehyst demo` writes; light to import."""
+"""Files that `dehyst demo` writes; light to import."""
 
 OUTPUTS = (
     "recording.csv",

@@ -1,8 +1,8 @@
-"""The demo's second act: something changes in the stage while it runs, and the service finds out.
+"""Second part of the demo: the stage changes while it runs, and the service finds out.
 
-The daemon follows a trajectory with the model of the first act. An effect drawn by chance
+The daemon follows a trajectory with the model of the first part. An effect drawn at random
 (dehyst.daemon.demo.chance) appears; the mismatch watch flags it, the doctor names it and offers a
-model, the model is accepted, the error falls. This file knows nothing of what was drawn.
+model, the model is accepted, and the error falls. This file does not know what was drawn.
 """
 
 from collections.abc import Callable, Sequence
@@ -49,7 +49,7 @@ SEGMENTS = (
     ("half", -0.2, 2.0),
     ("step", 0.85, 2.5),
 )
-"""Kind, place (share of half the reach), seconds behind the way there."""
+"""Kind, position (share of half the reach), seconds after arriving there."""
 LEARN_S = 60.0
 SETTINGS = f"""
 [watch]
@@ -64,8 +64,8 @@ time_s = 600.0
 """
 READY_S = 3.0 * LEARN_S + 60.0
 FLAG_S, WORD_S, TRIAL_S = 30.0, 240.0, 60.0
-"""So long the stage in order, the flag, the doctor's word, the end of the trial are waited for on a
-quiet machine; on a busy one longer (Busy.stretch)."""
+"""READY_S, FLAG_S, WORD_S, TRIAL_S: time limits on a quiet machine for a stage in order, the flag,
+the doctor's report, and the end of the trial; longer on a busy machine (Busy.stretch)."""
 LAST_S, BEFORE_S = 20.0, 20.0
 OFFERED = (("trial", "the offer, on trial"), ("after", "accepted"))
 OVER = ("accepted", "returned", "rejected")
@@ -73,8 +73,9 @@ NOT_TRACKED = int(Flag.APPROACH | Flag.SENSOR_INVALID | Flag.SENSOR_HELD)
 
 
 def pattern(middle: float, half: float, rate_hz: float) -> tuple[Floats, Floats]:
-    """(t_s, target), about PATTERN_S, ends where it begins: waves of many sizes and speeds, slow
-    ways, steps and holds. What a stage does all day, and what tells effects apart."""
+    """Return (t_s, target) of about PATTERN_S that ends where it begins: waves of many sizes and
+    speeds, slow moves, steps and holds. They resemble a stage's daily work, and distinguish
+    effects."""
     parts: list[Floats] = []
     place = 0.0
     for kind, to, seconds in SEGMENTS:
@@ -96,14 +97,14 @@ def pattern(middle: float, half: float, rate_hz: float) -> tuple[Floats, Floats]
 
 
 def _way(start: float, end: float, seconds: float, rate_hz: float) -> Floats:
-    """From one place to another, beginning and ending at rest."""
+    """Return a move from one position to another that starts and ends at rest."""
     s = np.arange(max(2, round(seconds * rate_hz))) / max(1, round(seconds * rate_hz))
     return start + (end - start) * s * s * (3.0 - 2.0 * s)
 
 
 @dataclass
 class Story:
-    """What happened when [s since the first sample]; telemetry: t_s, target, measured (N,)."""
+    """Times of the events [s since the first sample]; telemetry: t_s, target, measured (N,)."""
 
     seed: int = 0
     drawn: str = ""
@@ -124,46 +125,48 @@ class Story:
 
     @property
     def named(self) -> str:
-        """What the doctor named first; "": nothing."""
+        """First effect that the doctor named; "" if none."""
         return self.report.effects[0].name if self.report and self.report.effects else ""
 
     @property
     def state(self) -> str:
-        """What became of the offer."""
+        """Outcome of the offer."""
         return self.report.state if self.report else ""
 
     @property
     def named_right(self) -> bool:
-        """The first name, or one that it says it cannot be distinguished from."""
+        """Whether the first name, or one that the doctor cannot distinguish from it, is correct."""
         return self.says_right(self.report.effects if self.report else ())
 
     def says_right(self, effects: Sequence[FoundEffect]) -> bool:
-        """Whether these, the first one first, name what was drawn."""
+        """Whether the first of these effects names what was drawn."""
         return bool(effects) and self.drawn in (effects[0].name, *effects[0].ambiguous_with)
 
     @property
     def helped(self) -> bool:
-        """The error after acceptance is nearer to that before the effect than to that with it."""
+        """Whether the error after acceptance is nearer to that before the effect than to that
+        during it."""
         before, during, after = (self.rms.get(k, np.nan) for k in ("before", "during", "after"))
         return self.state == "accepted" and after < 0.5 * (before + during)
 
     @property
     def too_busy(self) -> str:
-        """Why this run says nothing of the product, in words; "": it can be judged. What is as it
-        should be although other work took processors counts; late samples spoil every figure."""
+        """Reason why this run cannot be judged; "" if it can. A success despite other load counts;
+        late samples invalidate every figure."""
         only_late = Busy(late=self.busy.late)
         return only_late.why if self.named_right and self.helped else self.busy.why
 
     @property
     def exit_status(self) -> int:
-        """Of `dehyst demo`: 0 named right and helped, 1 not so, 77 cannot be judged."""
+        """Exit status of `dehyst demo`: 0 named correctly and helped, 1 not, 77 cannot be
+        judged."""
         if self.too_busy:
             return TOO_BUSY
         return SO_IT_WAS if self.named_right and self.helped else IT_WAS_NOT
 
 
 class SecondAct:
-    """One run. say: a line for the person; the daemon answers at `endpoint`."""
+    """One run. say: prints a line for the user; the daemon answers at `endpoint`."""
 
     def __init__(self, endpoint: str, chance: Chance, say: Callable[[str], None]) -> None:
         self._endpoint, self._chance, self._say = endpoint, chance, say
@@ -173,7 +176,7 @@ class SecondAct:
         self._appeared_ns = 0
 
     def run(self) -> Story:
-        """From learning to the end; a trajectory is being played by somebody else."""
+        """Run from learning to the end, while another process plays a trajectory."""
         story, say = self.story, self._say
         looks = [read_spent()]
         with Client(connect=self._endpoint, label="the demo") as client:
@@ -191,7 +194,7 @@ class SecondAct:
                 self._flag_to_end()
         looks.append(read_spent())
         self._conclude()
-        # what the watch learned on a busy machine spoils all that follows, as work beside that does
+        # load while the watch learned spoils all that follows, as load during it does
         late = story.missed / max(1, self._counted)
         story.busy = max(
             (busy_between(a, b, late) for a, b in pairwise(looks)),
@@ -200,7 +203,8 @@ class SecondAct:
         return story
 
     def _is_in_order(self, seconds: float) -> bool:
-        """Whether the watch knows the stage in time and has nothing to say of it for so long."""
+        """Return whether the watch learns the stage in time, and then flags nothing for
+        `seconds`."""
         patience = Patience(READY_S, "for the watch to know the stage", self._say)
         while not patience.over:
             if not self._until(lambda: self._health() > 0.0 and not self._mismatch(), patience):
@@ -241,7 +245,7 @@ class SecondAct:
             return
         self._wait(LAST_S - min(LAST_S, story.over_s - story.accepted_s - 4.0) + LAST_S)
 
-    # -- what is heard --------------------------------------------------------------------------
+    # -- what the daemon publishes ----------------------------------------------------------------
 
     def _look(self) -> None:
         samples = self._stream.read(0.2)
@@ -250,7 +254,7 @@ class SecondAct:
             self._parts.append(samples)
 
     def _wait(self, seconds: float, happened: Callable[[], bool] = lambda: False) -> bool:
-        """Go on for so long on the stage's own clock; True where it happens before that."""
+        """Read samples for `seconds`; return True if `happened` becomes true before that."""
         end_ns = clock.monotonic_ns() + round(max(0.0, seconds) * clock.NS)
         while not happened():
             if clock.monotonic_ns() > end_ns:
@@ -259,7 +263,7 @@ class SecondAct:
         return True
 
     def _until(self, happened: Callable[[], bool], patience: Patience) -> bool:
-        """Whether it happens before patience is over."""
+        """Return whether it happens before patience is over."""
         while not happened():
             if patience.over:
                 return False
@@ -268,12 +272,12 @@ class SecondAct:
         return True
 
     def _now_s(self) -> float:
-        """Time of the newest sample that was heard."""
+        """Return the time of the newest sample received."""
         self._look()
         return (int(self._parts[-1]["scheduled_ns"][-1]) - self._first_ns) * 1e-9
 
     def _health(self) -> float:
-        """Above 0 once the watch has learned; 0 before it has begun."""
+        """Return the health: above 0 once the watch has learned, 0 before it has begun."""
         return self._feed.status.gateway.health if self._feed.status is not None else -1.0
 
     def _mismatch(self) -> str:
@@ -283,8 +287,8 @@ class SecondAct:
         while self._feed.doctor:
             report, known = self._feed.doctor.popleft(), self.story.report
             if report.time_ns < self._appeared_ns:
-                continue  # about a flag of before: another story
-            # a flag that falls and rises lays a second case: the first that is heard of counts
+                continue  # about a flag raised before the effect
+            # a flag that drops and rises again opens a second case: the first one reported counts
             if known is None or known.state == "working" or known.case == report.case:
                 self.story.report = report
         return self.story.state
@@ -292,7 +296,7 @@ class SecondAct:
     # -- figures --------------------------------------------------------------------------------
 
     def _conclude(self) -> None:
-        """The errors before, during and after, and what was drawn."""
+        """Compute the errors before, during and after the effect, and record what was drawn."""
         story, drawn = self.story, self._chance.drawn()
         story.drawn, story.drawn_says = drawn.name, drawn.says
         if not self._parts:
@@ -313,7 +317,7 @@ class SecondAct:
         if not np.isfinite(story.accepted_s):
             spans["during"] = (story.appeared_s + 1.0, story.t_s[-1])
             del spans["after"]
-        elif story.state == "accepted":  # whole patterns, none of the change itself
+        elif story.state == "accepted":  # leaves out the change itself
             spans["after"] = (max(story.accepted_s + 3.0, story.t_s[-1] - LAST_S), story.t_s[-1])
         else:
             del spans["after"]
@@ -325,7 +329,7 @@ class SecondAct:
 
 
 def tell_end(story: Story) -> list[str]:
-    """The last lines: errors, what was drawn, what was said."""
+    """Return the last lines: errors, what was drawn, what the doctor named."""
     lines = [
         f"  {text:22}{1e3 * story.rms[name]:9.1f} nm rms"
         for name, text in (("before", "before it"), ("during", "with it"), *OFFERED)
@@ -346,7 +350,7 @@ def tell_end(story: Story) -> list[str]:
 
 
 def describe_facts(story: Story) -> dict[str, Any]:
-    """The same for `--json`."""
+    """Return the same facts for `--json`."""
     report = story.report
     return {
         "seed": story.seed,
@@ -375,7 +379,7 @@ def _finite(value: float) -> float | None:
 
 
 def save_story(story: Story, path: Path) -> None:
-    """The picture."""
+    """Save the picture."""
     from dehyst.daemon.files.outputs import whole_file
     from dehyst.daemon.report.story import story_picture
 
