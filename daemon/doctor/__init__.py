@@ -1,1 +1,1 @@
-"""The doctor: a process that looks into every mismatch. No network, no devices, lowest priority."""
+"""The doctor: a process that examines every mismatch. No network, no devices, lowest priority."""

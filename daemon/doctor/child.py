@@ -1,4 +1,4 @@
-"""The child that examines one case: its bounds first, then everything that computes."""
+"""The child process that examines one case: it sets its limits first, then imports and computes."""
 
 import logging
 from pathlib import Path
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def examine_case(folder: str, memory_gb: float) -> None:
-    """The child's whole life."""
+    """Run the child process."""
     from dehyst.daemon.service.bounded import take_bounds
 
     take_bounds(round(memory_gb * (1 << 30)))
@@ -25,7 +25,7 @@ def examine_case(folder: str, memory_gb: float) -> None:
 def examined_or_why(
     place: Path, memory_gb: float, examine: "Callable[[Path], Examined]"
 ) -> "Examined":
-    """What the examination says, or what ended it, as it was."""
+    """Return the result of the examination, or the reason why it failed."""
     from dehyst.daemon.files.cases import Examined
     from dehyst.models.errors import DehystError
 
@@ -35,7 +35,7 @@ def examined_or_why(
         why = f"The recording could not be diagnosed: {error}"
     except MemoryError:
         why = f"The recording could not be diagnosed: it takes more than {memory_gb:g} GB."
-    except Exception as error:  # a fault of ours: the case says which, the log where
+    except Exception as error:  # an error in dehyst: the case names it, the log holds the traceback
         logging.getLogger(__name__).exception("%s", place.name)
         what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         why = f"The examination failed through an error in dehyst, not in the stage: {what}"

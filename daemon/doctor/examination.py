@@ -1,9 +1,11 @@
-"""One case: is it the gauge? What was left out? Is a better model at hand? What is to be tried?
+"""Examine one case: is the gauge at fault, which effects does the model lack, is a better model
+available, and which experiment comes next?
 
-The flagged recording is diagnosed, about the model in use, with what led to it in front. The last
-good recording is the control: what the model left of it says whether what was found is new. Both
-are not diagnosed as one, because what has changed is not the same in both, and a diagnosis names
-only what is. Beside the diagnosis each cause is tried alone: mostly one thing has changed.
+The flagged recording, with its lead-in, is diagnosed against the model in use. The last good
+recording is the control: the residual of the model on it shows whether the effects found are new.
+The two are not diagnosed together, because the change is present in only one of them, and a
+diagnosis names only what both share. In addition to the diagnosis, each cause is tried alone,
+because usually only one thing has changed.
 """
 
 import math
@@ -48,17 +50,18 @@ from dehyst.models.recording import Recording
 
 GAUGE = "gauge"
 SPARE_S = 60.0
-"""So long beyond its due time the later telemetry is waited for."""
+"""Time to wait for the later telemetry after it is due."""
 LOOK_S = 0.25
 NEW, LEAST = 0.8, 0.1
-"""So much less was left before: it is new; part of what is left that a cause must remove."""
+"""NEW: an effect is new if the earlier residual is below this fraction of the present one; LEAST:
+fraction of the residual's mean square that a cause must remove."""
 SPARSER = 0.5
-"""Noises rms that a richer model must remove beyond the sparser one."""
+"""Noise rms, as a multiple, that a richer model must remove beyond the sparser one."""
 
 
 @dataclass(frozen=True)
 class _Evidence:
-    """later: None where it has not come; good: None where there is none; causes: newest first."""
+    """later: None if it has not arrived; good: None if there is none; causes: newest first."""
 
     flagged: Recording
     later: Recording | None
@@ -67,7 +70,7 @@ class _Evidence:
 
 
 def examine(folder: Path) -> Examined:
-    """What the doctor says of one case. Raises DehystError where it cannot be diagnosed."""
+    """Return the doctor's result for one case. Raises DehystError if it cannot be diagnosed."""
     case = cases.get_record(folder, cases.CASE, Case)
     if case is None:
         raise BadInput(f"{folder.name}: no case")
@@ -101,7 +104,8 @@ def examine(folder: Path) -> Examined:
 
 
 def _save(found: Diagnosed, folder: Path) -> str:
-    """Write the report; why it is not written, as a sentence: the findings are kept without it."""
+    """Write the report; return a sentence with the reason if it cannot be written: the findings are
+    kept without it."""
     try:
         found.save(folder / cases.FOUND)
     except (ArithmeticError, LookupError, TypeError, ValueError, MemoryError) as error:
@@ -129,7 +133,7 @@ def _conclude(
     verdict, models, beside = details.verdict, [found.model], ""
     left = _left(model, found.model, when_good, details.noise, seen)
     one = find_one_change(findings, seen.causes, left)
-    if one is not None:  # alone it explains all that is new, or most
+    if one is not None:  # it alone explains all or most of what is new
         whole = explains_all(one, left)
         beside = _describe_report(findings, whole)
         findings = [state_one_change(one, seen.causes, left, findings[0])]
@@ -182,7 +186,7 @@ def _effect(finding: Finding) -> FoundEffect:
 
 
 def _describe_when_good(when_good: float, before: float, unit: str) -> list[str]:
-    """What the last good recording says."""
+    """Describe the residual on the last good recording."""
     if when_good < 0.0:
         return []
     left = f"the model in use left {when_good:.3g} {unit} of the last good recording"
@@ -194,7 +198,8 @@ def _describe_when_good(when_good: float, before: float, unit: str) -> list[str]
 def _describe_findings(
     findings: Sequence[Finding], verdict: str, left: tuple[float, float, str], offered: bool
 ) -> str:
-    """left: by the model in use and by the offered or else the augmented one, and their unit."""
+    """Describe the findings. left: rms residuals of the model in use and of the offered (or else
+    the augmented) model, and their unit."""
     before, after, unit = left
     names = ", ".join(dict.fromkeys(f.name for f in findings)) or "nothing"
     explained = "partly explained" if verdict == "partly" else verdict
@@ -206,7 +211,8 @@ def _describe_findings(
 
 
 def _describe_report(findings: Sequence[Finding], whole: bool) -> str:
-    """What the report says that the one change does not need; whole: it explains all."""
+    """Describe what the report finds when a single change suffices; whole: the change explains
+    everything."""
     names = ", ".join(dict.fromkeys(f.name for f in findings)) or "nothing"
     says = "It is a single change" if whole else "Alone it explains most of what is new"
     return f"{says}; the report fits the loop again and shows it as {names}."
@@ -235,7 +241,8 @@ def _read(folder: Path, name: str, case: Case) -> Recording | None:
 def _try(
     case: Case, model: Model, models: Sequence[Model], later: Recording, noise: float
 ) -> tuple[Model | None, OfferTest | None, str]:
-    """(the model that did best on what came later, its test, why none is offered)."""
+    """Return (the model that did best on the later telemetry, its test, the reason if none is
+    offered)."""
     tried: list[tuple[BothReplayed, Model]] = []
     why = ""
     for one in models:
@@ -248,7 +255,7 @@ def _try(
     if not tried:
         return None, None, why
     best, offered = tried[0]
-    for both, candidate in tried[1:]:  # a richer one has to earn it
+    for both, candidate in tried[1:]:  # a richer model must improve by more than noise
         if best.offered**2 - both.offered**2 > (SPARSER * both.noise) ** 2:
             best, offered = both, candidate
     if not best.improves:
@@ -273,7 +280,8 @@ def _try(
 
 
 def _wait_for_later(folder: Path, case: Case) -> Recording | None:
-    """The telemetry behind the recording, once it is complete; None: it does not come."""
+    """Return the telemetry that follows the recording once it is complete; None if it does not
+    arrive."""
     for _ in range(round((case.later_s + SPARE_S) / LOOK_S)):
         if (folder / cases.LATER).exists():
             return _read(folder, cases.LATER, case)

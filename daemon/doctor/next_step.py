@@ -13,8 +13,8 @@ UNITS = ("v", "um", "nm", "counts")
 
 
 def excite_arguments(case: Case, model: Model, pair: tuple[str, str] | None) -> tuple[str, ...]:
-    """("excite", ...), ready to run; () where the limits leave no experiment. pair: two effects
-    that the recording cannot tell apart; None: a drive that covers range and rates."""
+    """Return ("excite", ...), ready to run; () if the limits allow no experiment. pair: two effects
+    that the recording cannot distinguish; None: design a drive that covers range and rates."""
     low = max(case.low, model.validity.drive_min)
     high = min(case.high, model.validity.drive_max)
     if not high > low or model.drive_unit not in UNITS:
@@ -35,9 +35,9 @@ def excite_arguments(case: Case, model: Model, pair: tuple[str, str] | None) -> 
     if pair is not None and all(name in EFFECTS for name in pair):
         return ("excite", "--separate", *pair, *common, "--duration", f"{SECONDS[0]:g}")
     band = min(SHARE * case.rate_hz, case.slew / (math.pi * (high - low)))
-    for seconds in SECONDS:  # slow stages take longer
+    for seconds in SECONDS:  # a low band needs a longer drive
         for part in (1.0, 0.5, 0.25):
-            try:  # only what can be run is proposed
+            try:  # propose only what can be run
                 design(low, high, part * band, seconds, case.rate_hz, slew_per_s=case.slew)
             except BadInput:
                 continue

@@ -1,9 +1,9 @@
-"""The doctor's process: waits for cases of all axes, has each examined by a child with bounds, one
-at a time.
+"""The doctor's process: wait for cases of all axes, and have each examined by a child process with
+limits, one at a time.
 
-The child (dehyst.daemon.doctor.examination) writes what it found into the folder of its case; where
-it dies, takes too long or too much, this process writes that it failed, so that no case is tried
-twice. The process itself imports nothing that computes.
+The child (dehyst.daemon.doctor.examination) writes its result into the folder of the case. If it
+crashes, takes too long or uses too much memory, this process records the failure, so that no case
+is tried twice. The process itself imports nothing that computes.
 """
 
 import logging
@@ -22,25 +22,25 @@ from dehyst.daemon.files.cases import Case, Examined
 log = logging.getLogger(__name__)
 LOOK_S = 0.5
 STARVED = 6.0
-"""An examination that other work keeps from the processors may take so many times its time: it has
-the lowest priority."""
+"""Longest duration of an examination that waits for a processor, as a multiple of its time limit:
+it runs at the lowest priority."""
 
 
 class Doctor:
-    """`run` returns after `end`."""
+    """`run` returns after `end` is called."""
 
     def __init__(self, controller: Controller) -> None:
         self._stop = threading.Event()
-        # `enabled` is for `dehyst run`; one that is started by hand examines what there is
+        # if no axis enables it for `dehyst run`, the doctor was started by hand: examine all axes
         self._axes = [a for a in controller.axes if a.doctor.enabled] or controller.axes
         self._ending = False
 
     def end(self) -> None:
-        """Ask for the end; may be called from a signal handler."""
+        """Ask `run` to return; may be called from a signal handler."""
         self._ending = True
 
     def run(self) -> None:
-        """Until `end`."""
+        """Examine cases until `end` is called."""
         notify.send("READY=1", "STATUS=waiting")
         while not self._ending:
             for config in self._axes:
@@ -64,7 +64,7 @@ class Doctor:
                 child.join(LOOK_S)
                 notify.send("WATCHDOG=1", f"STATUS=examining {folder.name}")
                 if self._ending:
-                    return  # it is examined anew after the next start
+                    return  # it is examined again after the next start
                 spent_s = (clock.monotonic_ns() - begun_ns) / clock.NS
                 if why := why_over(limits.time_s, spent_s, processor_s(child.pid or 0)):
                     break
@@ -82,11 +82,12 @@ class Doctor:
                 cases.put_record(folder, cases.EXAMINED, Examined(failed=True, says=says))
             except OSError as error:
                 log.error("%s: %s: %s", folder.name, says, error)
-                self._stop.wait(10.0)  # a full disk: tried again
+                self._stop.wait(10.0)  # the disk may be full: try again later
 
 
 def end_of(code: int | None) -> str:
-    """How the child ended, in words. One that ran out of its own memory has written so itself."""
+    """Return how the child ended, in words. A child that ran out of its own memory has reported
+    that itself."""
     if code is None or code >= 0:
         return f"its process ended with exit code {code} and left no result"
     try:
@@ -99,8 +100,8 @@ def end_of(code: int | None) -> str:
 
 
 def why_over(time_s: float, spent_s: float, worked_s: float) -> str:
-    """Why an examination has to end, in words; "": it may go on. spent_s: since it began; worked_s:
-    of a processor. One that waits for a processor is not slow."""
+    """Return why an examination must end, in words; "" if it may continue. spent_s: time since it
+    began; worked_s: processor time. Waiting for a processor does not count as slow."""
     if worked_s > time_s:
         return f"it was not done within {worked_s:.0f} s of a processor"
     if spent_s > STARVED * time_s:
@@ -112,7 +113,7 @@ def why_over(time_s: float, spent_s: float, worked_s: float) -> str:
 
 
 def processor_s(pid: int) -> float:
-    """What a process has had of the processors [s]; 0 where it is gone."""
+    """Return the processor time that a process has used [s]; 0 if it has ended."""
     try:
         words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
@@ -121,7 +122,7 @@ def processor_s(pid: int) -> float:
 
 
 def _newest_open(config: Config) -> Path | None:
-    """The newest case of an axis that nobody has examined."""
+    """Return the newest case of an axis that has not been examined."""
     open_ones = [
         folder
         for folder in cases.case_folders(config.watch_directory)
@@ -132,7 +133,7 @@ def _newest_open(config: Config) -> Path | None:
 
 
 def run_doctor(controller: Controller) -> int:
-    """Entry of the doctor's process: until SIGTERM or SIGINT; exit code."""
+    """Run the doctor's process until SIGTERM or SIGINT; return its exit code."""
     doctor = Doctor(controller)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: doctor.end())
