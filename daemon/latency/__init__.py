@@ -1,1 +1,1 @@
-"""The self-test of a machine: does it hold the deadlines of the loop?"""
+"""Self-test of a machine: does it meet the deadlines of the loop?"""

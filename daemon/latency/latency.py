@@ -1,6 +1,5 @@
-"""The self-test behind `dehyst latency`: the daemon's own loop on the simulated stage, with a
-witness beside it, and the devices' calls timed on their own.
-"""
+"""Self-test behind `dehyst latency`: run the daemon's own loop on the simulated stage together with
+a witness thread, and time the device calls separately."""
 
 import math
 import os
@@ -39,7 +38,7 @@ from dehyst.models.model import Hysteresis, Model, Validity
 
 STALLS = (MissCause.STALL, MissCause.STEAL, MissCause.SUSPENDED, MissCause.PREEMPTED)
 IO_S = 2.0  # how long each device is timed
-TOLERATED = 1e-4  # share of deadlines that may be missed
+TOLERATED = 1e-4  # largest share of missed deadlines
 FULL_SCALE_V, STROKE_UM = 150.0, 17.0
 
 CONFIG = """
@@ -55,7 +54,7 @@ setpoint = {{stale_s = 3600.0, approach_um_per_s = 200.0}}
 
 @dataclass(frozen=True)
 class Setup:
-    """What is asked for. engine: "compiled" or "python"; spin_us: None: by the rate."""
+    """Settings of the test. engine: "compiled" or "python"; spin_us: None: chosen by the rate."""
 
     rate_hz: float = 1000.0
     seconds: float = 30.0
@@ -67,7 +66,7 @@ class Setup:
 
 @dataclass
 class LatencyOutcome:
-    """What was measured. Durations in microseconds."""
+    """Measured figures. Durations in microseconds."""
 
     setup: Setup
     samples: int = 0
@@ -81,31 +80,31 @@ class LatencyOutcome:
     )
     stalls: list[tuple[int, int, MissCause]] = field(default_factory=list)
     stall_threshold_us: float = 0.0
-    stall_count: int = 0  # `stalls` holds the newest ones only
+    stall_count: int = 0  # `stalls` holds only the newest
 
     @property
     def excused(self) -> int:
-        """Missed deadlines that the witness explains."""
+        """Number of missed deadlines that the witness explains."""
         names = {cause.name.lower() for cause in STALLS}
         return sum(n for name, n in self.missed_by.items() if name in names)
 
     @property
     def io_us(self) -> float:
-        """What the device calls of one sample take, at 99 %."""
+        """Duration of the device calls of one sample, 99 % quantile [us]."""
         return sum(h.quantile(0.99) for h in self.io.values())
 
     @property
     def allowed_hz(self) -> float:
-        """The rate that the device calls leave room for; infinity without any."""
+        """Highest rate that the device calls allow [Hz]; infinity if none were timed."""
         busy_us = self.io_us + self.execution.quantile(0.999)
         return SPARE * 1e6 / busy_us if self.io else math.inf
 
     @property
     def held(self) -> bool:
-        """True when the rate was held, whoever is to blame where it was not, and leaves the
-        device calls their time."""
+        """Whether the rate was held, whatever caused the misses, and leaves enough time for the
+        device calls."""
         fits = self.io_us + self.execution.quantile(0.999) < 1e6 / self.setup.rate_hz
-        tolerated = max(1.0, TOLERATED * self.samples)  # of few samples one says nothing
+        tolerated = max(1.0, TOLERATED * self.samples)  # a single miss in few samples says nothing
         return self.samples > 0 and self.missed <= tolerated and fits
 
 
@@ -116,7 +115,7 @@ def _model() -> Model:
 
 
 def _sine(setup: Setup) -> np.ndarray:
-    """A trajectory for the whole run: so that the inverse has its work."""
+    """Return a trajectory for the whole run, so that the inverse is exercised."""
     step_s = max(0.02, setup.seconds / 30_000)
     t_s = np.arange(0.0, setup.seconds + 5.0, step_s)
     points = np.zeros(t_s.size, COMMAND)
@@ -140,7 +139,7 @@ def _stepper(rate_hz: float) -> Stepper:
 
 
 def compile_step() -> None:
-    """Compile the step of one axis by itself, with which recorded runs are replayed."""
+    """Compile the single-axis step, which replays recorded runs."""
     _stepper(200.0).step(0, 0.0, np.zeros(0, COMMAND))
 
 
@@ -158,7 +157,7 @@ def measure(setup: Setup) -> LatencyOutcome:
     name: dict[str, Any] = {"stage": "latency"}
     actuator, sensor = SimulatedActuator.from_settings(name), SimulatedSensor.from_settings(name)
     compiled = setup.engine == "compiled"
-    with ended_at_once("dehyst"):  # an interrupt while a kernel is loaded would be lost
+    with ended_at_once("dehyst"):  # an interrupt while a kernel loads would be lost
         actuator.open()
         sensor.open()
         links = DeviceLink("actuator", actuator), DeviceLink("sensor", sensor)
@@ -183,7 +182,7 @@ def measure(setup: Setup) -> LatencyOutcome:
     try:
         if compiled:
             CompiledLoop(monitor, enter).run(samples)
-        else:  # a thread of its own: the caller keeps its priority
+        else:  # in a separate thread, so that the caller keeps its priority
             thread = threading.Thread(target=loop, name="loop")
             thread.start()
             thread.join()
@@ -206,7 +205,7 @@ def measure(setup: Setup) -> LatencyOutcome:
 
 
 def time_sensor(sensor: Sensor, seconds: float, most: int = 2000) -> Histogram:
-    """Durations of readings; moves nothing."""
+    """Return the durations of readings [us]; moves nothing."""
     histogram, end_ns = Histogram(), clock.monotonic_ns() + round(seconds * clock.NS)
     for _ in range(most):
         before_ns = clock.monotonic_ns()
@@ -219,7 +218,7 @@ def time_sensor(sensor: Sensor, seconds: float, most: int = 2000) -> Histogram:
 
 
 def time_actuator(actuator: Actuator, seconds: float, most: int = 2000) -> Histogram:
-    """Durations of writes of the voltage that is there already: for emulated units only."""
+    """Return the durations of writes of the present voltage [us]; for emulated units only."""
     histogram, end_ns = Histogram(), clock.monotonic_ns() + round(seconds * clock.NS)
     volts = actuator.output()
     for _ in range(most):
@@ -233,9 +232,9 @@ def time_actuator(actuator: Actuator, seconds: float, most: int = 2000) -> Histo
 
 
 def time_devices(config: Config | None) -> dict[str, Histogram]:
-    """Durations of the calls of the configured devices, or of the emulated units; by name. No
-    voltage is set on a configured amplifier: its call lasts as long as its driver finds when it
-    opens it."""
+    """Return the durations of the device calls by name [us]: of the configured devices, or of the
+    emulated units. No voltage is set on a configured amplifier: its call duration is the one its
+    driver determines on opening."""
     if config is not None:
         actuator, sensor = devices_of(config)
         with closing(actuator):

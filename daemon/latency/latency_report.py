@@ -1,4 +1,4 @@
-"""The outcome of the self-test behind `dehyst latency`, for machines and for people."""
+"""Result of the self-test behind `dehyst latency`, for machines and for people."""
 
 from typing import Any
 
@@ -17,7 +17,8 @@ def _figures(histogram: Histogram) -> dict[str, float]:
 def latency_figures(
     outcome: LatencyOutcome, found: dict[str, str], hints: list[str]
 ) -> dict[str, Any]:
-    """The figures for machines. found, hints: dehyst.daemon.latency.machine.facts and advice."""
+    """Return the figures as a dictionary. found, hints: from dehyst.daemon.latency.machine.facts
+    and advice."""
     setup, obtained = outcome.setup, outcome.obtained
     return {
         "held": outcome.held,
@@ -56,7 +57,7 @@ def latency_figures(
 def describe_latency(
     outcome: LatencyOutcome, found: dict[str, str], hints: list[str], pictures: bool
 ) -> list[str]:
-    """What a person reads; pictures: the histograms as well."""
+    """Return the lines of the text report; pictures: include the histograms."""
     setup, obtained = outcome.setup, outcome.obtained
     policy = f"FIFO {obtained.priority}" if obtained.fifo else "ordinary scheduling"
     memory = "memory locked" if obtained.locked else "memory not locked"
@@ -81,7 +82,8 @@ def describe_latency(
 
 
 def _bars(histogram: Histogram) -> list[str]:
-    """One line a bin; the length grows with the logarithm, so that rare ones show."""
+    """Return one line per bin; the length grows with the logarithm of the count, so that rare ones
+    show."""
     rows = histogram.rows()
     most = max((n for _, _, n in rows), default=1)
     text = []

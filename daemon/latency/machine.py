@@ -1,4 +1,5 @@
-"""What this machine offers a loop with deadlines, and what its owner can change. Reads only."""
+"""Report what this machine offers a loop with deadlines, and what its owner can change. Reads
+only."""
 
 import os
 import resource
@@ -15,7 +16,7 @@ def _text(path: str) -> str:
 
 
 def facts(cpu: int) -> dict[str, str]:
-    """Kernel, CPUs, clock and the like, as words; `cpu`: the loop's, -1: any."""
+    """Return kernel, CPUs, clock and similar facts as text; `cpu`: the loop's CPU, -1: any."""
     flags = _text("/proc/cpuinfo")
     one = max(cpu, 0)
     return {
@@ -34,7 +35,7 @@ def facts(cpu: int) -> dict[str, str]:
 def advice(
     found: dict[str, str], obtained: Obtained, cpu: int, asked_priority: int, rate_hz: float
 ) -> list[str]:
-    """What would make the deadlines safer, most important first."""
+    """Return what would make the deadlines safer, most important first."""
     words = []
     if asked_priority and not obtained.fifo:
         soft = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
