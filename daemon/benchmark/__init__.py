@@ -1,1 +1,1 @@
-"""`dehyst bench`: models of hysteresis behind one interface, on one set of recordings."""
+"""`dehyst bench`: compare hysteresis models through one interface on one set of recordings."""

@@ -1,8 +1,9 @@
-"""What the models are compared on: made stages, and recordings from a folder.
+"""Cases on which the models are compared: simulated stages, and recordings from a folder.
 
-A made stage is recorded twice from rest: superimposed sines, which are fitted, and a sine whose
-amplitude shrinks and grows, which is held out. Of a recording from a folder the first part is
-fitted and the rest held out; the model runs through all of it, so that it knows the past.
+A simulated stage is recorded twice from rest: with superimposed sines, which are fitted, and with a
+sine whose amplitude shrinks and grows, which is held out. Of a recording from a folder, the first
+part is fitted and the rest is held out; the model runs through the whole recording, so that it has
+the history.
 """
 
 from collections.abc import Callable
@@ -23,9 +24,10 @@ from dehyst.models.recording import Bools, Floats, Recording
 RATE_HZ, FITTED_S, HELD_S = 200.0, 30.0, 12.0
 BAND_HZ = 4.0
 PAPER_V, NOISE_UM, SEED = 10.0, 0.02, 46
-FITTED_SHARE = 0.6  # of a recording from a folder
+FITTED_SHARE = 0.6  # fitted share of a recording from a folder
 LEAST_ROWS, MOST_ROWS = 500, 16_000
-"""Of a recording: fewer say nothing, and of more the first are taken (a run stays short)."""
+"""Limits on the rows of a recording: fewer say nothing; of a longer one the first rows are used, to
+keep the run short."""
 SIMULATED = {
     "stack": StageSettings(),
     "stack, rate-dependent": StageSettings(rate_per_decade=0.15),
@@ -38,13 +40,13 @@ SIMULATED = {
     ),
 }
 """Stages of dehyst.drivers.simulated: slip elements, creep, noise, and up to three hidden effects,
-alone and together as in the stages on which the diagnosis is judged."""
+alone and combined as in the stages on which the diagnosis is judged."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One comparison. fitted; held: the recording that is predicted, scored where `scored` (N,)
-    is True; made: by this program, so that how many rows are needed is looked into."""
+    """One case. fitted: recording to fit; held: recording to predict, scored where `scored` (N,) is
+    True; made: simulated by this program, so the number of rows needed is determined."""
 
     name: str
     fitted: Recording
@@ -54,7 +56,8 @@ class Comparison:
 
 
 def made_cases() -> list[Comparison]:
-    """The made stages: simulated stacks, the paper's Eq. 11 and Eq. 12, and a Bouc-Wen stage."""
+    """Return the simulated cases: simulated stacks, the paper's Eq. 11 and Eq. 12, and a Bouc-Wen
+    stage."""
     out = []
     for name, settings in SIMULATED.items():
         out.append(_made(name, FULL_SCALE_V, lambda t, u, s=settings: _read_stage(s, t, u)))  # type: ignore[misc]
@@ -70,7 +73,7 @@ def made_cases() -> list[Comparison]:
 
 
 def _read_stage(settings: StageSettings, t_s: Floats, u: Floats) -> Floats:
-    """Readings at t_s of a fresh stage whose voltage is u from one row to the next."""
+    """Return the readings at t_s of a stage at rest whose voltage is u from one row to the next."""
     return SimulatedStage(settings).run(t_s, np.append(u[1:], u[-1]))[1]
 
 
@@ -83,8 +86,8 @@ def _made(name: str, top_v: float, read: Callable[[Floats, Floats], Floats]) -> 
 
 
 def read_cases(folder: Path) -> tuple[list[Comparison], list[str]]:
-    """A case for each recording in the folder (.csv, .csv.gz, .npz, .mat, .mcap), by name, and why
-    the others are left out. Raises BadInput where there is none."""
+    """Return a case for each recording in the folder (.csv, .csv.gz, .npz, .mat, .mcap), sorted by
+    name, and the reasons why others are left out. Raises BadInput if there is no recording."""
     suffixes = (".csv", ".csv.gz", ".npz", ".mat", ".mcap")
     paths = sorted(p for p in folder.glob("*") if p.name.endswith(suffixes))
     if not paths:
@@ -111,7 +114,7 @@ def _recorded(path: Path) -> Comparison:
 
 
 def head(one: Recording, rows: int) -> Recording:
-    """The first rows, without further channels."""
+    """Return the first rows, without further channels."""
     assert one.displacement is not None
     return Recording(
         one.t_s[:rows],

@@ -1,4 +1,5 @@
-"""What `dehyst bench` shows: the error of each model on each case, and what the models are."""
+"""Output of `dehyst bench`: the error of each model on each case, and a description of the
+models."""
 
 import math
 from collections.abc import Sequence
@@ -9,12 +10,13 @@ from dehyst.daemon.benchmark.rivals.interface import Rival
 from dehyst.daemon.benchmark.rivals.table import THIS
 from dehyst.daemon.benchmark.run import Score
 
-REFERENCE = "classical PI"  # of the cost
-TIE = 1.05  # an error within so many times the least one shares the first place
+REFERENCE = "classical PI"  # model whose cost is 1
+TIE = 1.05  # errors up to this multiple of the least one tie for first place
 
 
 def scores_to_json(scores: Sequence[Score], left_out: Sequence[str]) -> dict[str, Any]:
-    """scores: the same in every run; cost_ratio: it is measured, so it is not."""
+    """Return the results as a dictionary. scores: identical in every run; cost_ratio: measured, so
+    it varies."""
     return {
         "scores": [one.to_json() for one in scores],
         "lost": lost(scores),
@@ -24,7 +26,7 @@ def scores_to_json(scores: Sequence[Score], left_out: Sequence[str]) -> dict[str
 
 
 def markdown(scores: Sequence[Score], rivals: Sequence[Rival], left_out: Sequence[str]) -> str:
-    """Both tables, where this project loses, and what was left out."""
+    """Return both tables, the cases that this project loses, and what was left out."""
     names = [one.name for one in rivals]
     lines = [
         "Error held out, percent of the range (rms); the smallest of each row in bold:",
@@ -67,7 +69,8 @@ def markdown(scores: Sequence[Score], rivals: Sequence[Rival], left_out: Sequenc
 
 
 def lost(scores: Sequence[Score]) -> list[dict[str, Any]]:
-    """The cases on which another model's error is less than this project's by more than a tie."""
+    """Return the cases on which another model's error is smaller than this project's by more than a
+    tie."""
     out = []
     for case, of in _by_case(scores).items():
         best = min(of, key=lambda one: one.share)
@@ -85,7 +88,8 @@ def lost(scores: Sequence[Score]) -> list[dict[str, Any]]:
 
 
 def cost_ratios(scores: Sequence[Score]) -> dict[str, float]:
-    """By model: median over the cases of its cost over the reference's; NaN: not known."""
+    """Return, by model, the median over the cases of its cost relative to the reference; NaN: not
+    known."""
     reference = {one.case: one.cost_ns for one in scores if one.rival == REFERENCE}
     found: dict[str, list[float]] = {one.rival: [] for one in scores}
     for one in scores:
@@ -107,7 +111,7 @@ def _cell(one: Score, least: float) -> str:
         return "no model"
     if not math.isfinite(one.share):
         return "diverges"
-    text = f"{one.to_json()['error_percent']:.3g}"  # as in the list of lost cases
+    text = f"{one.to_json()['error_percent']:.3g}"  # same digits as in the list of lost cases
     return f"**{text}**" if one.share <= least else text
 
 

@@ -1,6 +1,6 @@
-"""Fit each model to each case, predict what was held out, say what it costs.
+"""Fit each model to each case, predict the held-out rows, and measure the cost.
 
-All figures but the cost are computed from seeds and recordings: two runs give the same.
+All figures except the cost are computed from seeds and recordings: two runs give the same.
 """
 
 import math
@@ -16,17 +16,17 @@ from dehyst.daemon.benchmark.cases import Comparison, head
 from dehyst.daemon.benchmark.rivals.interface import Predict, Rival, measured
 from dehyst.models.errors import DehystError
 
-ROW_SHARES = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)  # of the rows that are fitted
-ENOUGH = 1.25  # times the error with all rows
-DIGITS = 4  # of figures: what is beyond them differs between processors
-REPEATS = 3  # of a prediction that is timed, the shortest counts
+ROW_SHARES = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)  # of the fitted rows
+ENOUGH = 1.25  # as a multiple of the error with all rows
+DIGITS = 4  # significant digits: further ones differ between processors
+REPEATS = 3  # timed predictions, of which the shortest counts
 
 
 @dataclass(frozen=True)
 class Score:
-    """One model on one case. error: rms over the held-out rows, in the unit of the displacement;
-    share: of their range [%]; rows: that are needed, None: not looked into; cost_ns: of a sample;
-    refused: why there is no model, or ""."""
+    """Result of one model on one case. error: rms over the held-out rows, in the displacement unit;
+    share: error in percent of their range; rows: number of rows needed, None: not determined;
+    cost_ns: per sample; refused: why there is no model, or ""."""
 
     case: str
     rival: str
@@ -38,7 +38,7 @@ class Score:
     refused: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """The figures that are the same twice: all but the cost."""
+        """Return the figures that are reproducible: all but the cost."""
         return {
             "case": self.case,
             "model": self.rival,
@@ -51,17 +51,17 @@ class Score:
 
 
 def round_digits(value: float) -> float | None:
-    """To DIGITS digits; None: not finite."""
+    """Round to DIGITS significant digits; None if not finite."""
     return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # more threads add in another order
+@threadpool_limits.wrap(limits=1, user_api="blas")  # more threads sum in a different order
 def run_comparisons(
     cases: Sequence[Comparison],
     rivals: Sequence[Rival],
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Score]:
-    """Every model on every case. progress: called with the share done."""
+    """Run every model on every case. progress: called with the fraction done."""
     out = []
     for case in cases:
         for rival in rivals:
@@ -71,7 +71,7 @@ def run_comparisons(
 
 
 def run_one(case: Comparison, rival: Rival) -> Score:
-    """One model on one case, with fewer rows too where the case is made."""
+    """Run one model on one case; for a simulated case also find how many rows it needs."""
     unit = case.held.displacement_unit
     try:
         predict = rival.fit(case.fitted)
@@ -86,7 +86,7 @@ def run_one(case: Comparison, rival: Rival) -> Score:
 
 
 def held_out_error(case: Comparison, predict: Predict) -> float:
-    """Rms of predicted less measured over the rows that are scored."""
+    """Return the rms of predicted minus measured over the scored rows."""
     with np.errstate(all="ignore"):
         left = predict(case.held.t_s, case.held.drive) - measured(case.held)
         out = float(np.sqrt(np.mean(left[case.scored] ** 2)))
@@ -94,8 +94,8 @@ def held_out_error(case: Comparison, predict: Predict) -> float:
 
 
 def rows_needed(case: Comparison, rival: Rival, error: float) -> int:
-    """The fewest rows, of the shares tried, with which the held-out error is at most ENOUGH times
-    the error with all."""
+    """Return the smallest tried number of rows with which the held-out error is at most ENOUGH
+    times the error with all rows."""
     for share in ROW_SHARES:
         rows = round(share * case.fitted.size)
         try:

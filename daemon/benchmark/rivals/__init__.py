@@ -1,1 +1,1 @@
-"""The models that are compared, one file for each; each is found in table.py."""
+"""The compared models, one file for each kind; table.py lists them."""

@@ -1,8 +1,8 @@
-"""A polynomial NARX model with the sign of the drive's change (Martins and Aguirre, Mech. Syst.
+"""Polynomial NARX model with the sign of the drive's change (Martins and Aguirre, Mech. Syst.
 Signal Process. 75, 2016): y(k) from y and u at d and 2 d samples before, degree 2.
 
-The weights come from one-step predictions; the spacing d is the one whose free run is best on the
-recording that is fitted.
+The weights come from one-step predictions; the spacing d is the one with the smallest free-run
+error on the fitted recording.
 """
 
 import math
@@ -22,7 +22,8 @@ DIVERGED = 1e3  # standard deviations
 def regressors(
     u: float, u1: float, u2: float, y1: float, y2: float, sign: float, out: Floats
 ) -> None:
-    """Fill out (TERMS,): 1, linear, quadratic, and with the sign of the drive's change."""
+    """Fill out (TERMS,): constant, linear and quadratic terms, and terms with the sign of the
+    drive's change."""
     x = (u, u1, u2, y1, y2)
     out[0] = 1.0
     place = 1
@@ -40,7 +41,7 @@ def regressors(
 
 @njit(cache=True)
 def one_step(d: int, u: Floats, y: Floats) -> Floats:
-    """(N - 2 d, TERMS) regressors of measured rows."""
+    """Return (N - 2 d, TERMS) regressors of measured rows."""
     out = np.empty((u.size - 2 * d, TERMS))
     for k in range(2 * d, u.size):
         sign = np.sign(u[k] - u[k - d])
@@ -50,7 +51,8 @@ def one_step(d: int, u: Floats, y: Floats) -> Floats:
 
 @njit(cache=True)
 def free_run(d: int, weights: Floats, u: Floats, rest: float) -> Floats:
-    """(N,) on its own outputs; rest: output before the first sample, where the drive was u[0]."""
+    """Return (N,) outputs predicted from the model's own outputs; rest: output before the first
+    sample, where the drive was u[0]."""
     y, row = np.empty(u.size), np.empty(TERMS)
     for k in range(u.size):
         y1 = y[k - d] if k >= d else rest
@@ -68,7 +70,7 @@ def free_run(d: int, weights: Floats, u: Floats, rest: float) -> Floats:
 
 
 def fit_narx(recording: Recording) -> Predict:
-    """Every spacing is fitted, and the one kept that runs freely best."""
+    """Fit every spacing, and keep the one with the smallest free-run error."""
     scale = Scale.of(recording)
     u, y = scale.drive(recording.drive), scale.displacement(measured(recording))
     best, least = (0, np.zeros(0)), math.inf

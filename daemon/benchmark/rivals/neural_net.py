@@ -1,7 +1,9 @@
-"""A small neural network on play operators, the drive, its rate and what the drive was of late.
+"""Small neural network whose inputs are play operators, the drive, and its deviations from filtered
+drives.
 
-The plays are its memory (Dang and Tan, Sens. Actuators A 139, 2007, put hysteretic operators before
-a network); one hidden layer, trained by scikit-learn from a seed. Needs scikit-learn.
+The play operators are its memory (Dang and Tan, Sens. Actuators A 139, 2007, put hysteretic
+operators before a network); one hidden layer, trained by scikit-learn from a seed. Needs
+scikit-learn.
 """
 
 import warnings
@@ -17,11 +19,11 @@ from dehyst.models.recording import Floats, Recording
 PLAYS = 0.5 * np.arange(1, 9) / 9.0  # thresholds, of the range
 LAGS_S = (0.01, 0.1)  # of the filtered drives
 HIDDEN, STEPS, SEED = 16, 400, 1
-PENALTY = 1e-4  # of the squared weights, scikit-learn's own default
+PENALTY = 1e-4  # on the squared weights, scikit-learn's default
 
 
 def features(t_s: Floats, u: Floats) -> Floats:
-    """(N, m) inputs of the network. u: as a share of the range."""
+    """Return (N, m) inputs of the network. u: as a share of the range."""
     period_s = float(np.mean(np.diff(t_s)))
     columns = [u, *play_matrix(PLAYS, u, np.zeros(PLAYS.size)).T]
     for lag_s in LAGS_S:
@@ -32,7 +34,7 @@ def features(t_s: Floats, u: Floats) -> Floats:
 
 
 def fit_neural_net(recording: Recording) -> Predict:
-    """All inputs to a standard deviation of 1, weights by L-BFGS."""
+    """Scale all inputs to a standard deviation of 1, and fit the weights by L-BFGS."""
     try:
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.neural_network import MLPRegressor
@@ -50,7 +52,7 @@ def fit_neural_net(recording: Recording) -> Predict:
         random_state=SEED,
     )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # STEPS are what it gets
+        warnings.simplefilter("ignore", ConvergenceWarning)  # training stops after STEPS in any case
         net.fit((x - mean) / std, scale.displacement(measured(recording)))
 
     def predict(t_s: Floats, u: Floats) -> Floats:

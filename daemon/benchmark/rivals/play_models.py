@@ -19,17 +19,17 @@ from dehyst.models.identify import Options, identify_alone
 from dehyst.models.recording import Floats, Recording
 
 OPERATORS = 20  # thresholds of the classical model
-THRESHOLDS = 0.5 * np.arange(OPERATORS) / OPERATORS  # of the range; a play of half of it moves not
+THRESHOLDS = 0.5 * np.arange(OPERATORS) / OPERATORS  # of the range; a play of half the range never moves
 
 
 def fit_this(recording: Recording) -> Predict:
-    """The modified model of this project with its linear dynamics, as `dehyst identify` has it."""
+    """Fit this project's modified model with its linear dynamics, as `dehyst identify` does."""
     model = identify_alone([recording], Options()).model
     return lambda t_s, u: simulate(model, t_s, u)
 
 
 def fit_classical(recording: Recording) -> Predict:
-    """Weights by least squares, none below 0."""
+    """Fit the weights by least squares, none below 0."""
     scale = Scale.of(recording)
 
     def columns(u: Floats) -> Floats:

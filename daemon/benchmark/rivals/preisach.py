@@ -1,4 +1,4 @@
-"""The Preisach model on a discretised plane.
+"""Preisach model on a discretised plane.
 
 y = c + sum_ij mu_ij gamma_ij(u): relays that switch up at alpha_i and down at beta_j <= alpha_i, on
 a grid of CELLS levels, mu_ij >= 0 (Mayergoyz, Mathematical Models of Hysteresis, 1991).
@@ -17,12 +17,12 @@ from dehyst.daemon.benchmark.rivals.interface import (
 from dehyst.models.recording import Floats, Recording
 
 CELLS = 24  # levels of the plane: 300 relays
-ROWS = 6000  # that are fitted at most, evenly chosen: 300 columns of them
+ROWS = 6000  # longer recordings are thinned evenly to ROWS to 2 ROWS: each has 300 columns
 
 
 @njit(cache=True)
 def relay_matrix(up: Floats, down: Floats, u: Floats) -> Floats:
-    """(N, m) outputs, 0 or 1, of m relays that are all down before the first sample."""
+    """Return (N, m) outputs, 0 or 1, of m relays that are all down before the first sample."""
     out = np.zeros((u.size, up.size))
     for i in range(up.size):
         state = 0.0
@@ -37,7 +37,7 @@ def relay_matrix(up: Floats, down: Floats, u: Floats) -> Floats:
 
 @njit(cache=True)
 def relay_sum(up: Floats, down: Floats, weights: Floats, u: Floats) -> Floats:
-    """(N,) weighted sum of the same relays."""
+    """Return the (N,) weighted sum of the same relays."""
     out = np.zeros(u.size)
     for i in range(up.size):
         state = 0.0
@@ -51,14 +51,15 @@ def relay_sum(up: Floats, down: Floats, weights: Floats, u: Floats) -> Floats:
 
 
 def plane() -> tuple[Floats, Floats]:
-    """(m,) levels up and down of the relays: the centres of the cells of the half plane."""
+    """Return (m,) switching levels up and down of the relays: the centres of the cells of the half
+    plane."""
     level = (np.arange(CELLS) + 0.5) / CELLS
     i, j = np.tril_indices(CELLS)
-    return level[i] + 1e-9, level[j] - 1e-9  # on the diagonal: a relay without width
+    return level[i] + 1e-9, level[j] - 1e-9  # a relay on the diagonal has no width
 
 
 def fit_preisach(recording: Recording) -> Predict:
-    """Weights by least squares, none below 0; those of value 0 are left out."""
+    """Fit the weights by least squares, none below 0; drop those of value 0."""
     scale, (up, down) = Scale.of(recording), plane()
     columns = relay_matrix(up, down, scale.drive(recording.drive))
     every = max(1, columns.shape[0] // ROWS)

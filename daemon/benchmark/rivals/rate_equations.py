@@ -18,7 +18,7 @@ from numba import njit
 from dehyst.daemon.benchmark.rivals.interface import Predict, Rival, Scale, measured, solve_ridge
 from dehyst.models.recording import Floats, Recording
 
-STEP = 0.05  # largest change of h within a step of its integration
+STEP = 0.05  # largest change of h in one integration step
 STARTS = ((1.0, 0.7, 1.0), (4.0, 0.7, 1.0), (12.0, 0.7, 1.0))  # rho, sigma, n
 LOW, HIGH = (math.log(0.1), 0.5, 1.0), (math.log(100.0), 1.0, 4.0)
 DEGREE = 3  # of f and g
@@ -27,7 +27,7 @@ ALPHAS = (0.05, 100.0)  # 1 / range of the drive
 
 @njit(cache=True)
 def bouc_wen(rho: float, sigma: float, n: float, u: Floats) -> Floats:
-    """(N,) hysteretic variable, 0 before the first sample at drive 0."""
+    """Return the (N,) hysteretic variable, 0 before the first sample at drive 0."""
     out = np.empty(u.size)
     h, before = 0.0, 0.0
     for t in range(u.size):
@@ -42,7 +42,8 @@ def bouc_wen(rho: float, sigma: float, n: float, u: Floats) -> Floats:
 
 
 def fit_bouc_wen(recording: Recording) -> Predict:
-    """Three parameters by bounded least squares from several starts, the rest solved inside."""
+    """Fit three parameters by bounded least squares from several starts; solve for the others
+    inside."""
     scale = Scale.of(recording)
     u, y = scale.drive(recording.drive), scale.displacement(measured(recording))
 
@@ -66,8 +67,9 @@ def fit_bouc_wen(recording: Recording) -> Predict:
 
 @njit(cache=True)
 def duhem_columns(alpha: float, degree: int, u: Floats) -> Floats:
-    """(N, 2 degree) responses of dy = alpha |du| (f - y) + g du to f = u, u^2, ... and g = 1, u,
-    ..., exact while f and g are constant over a step; 0 before the first sample at drive 0."""
+    """Return (N, 2 degree) responses of dy = alpha |du| (f - y) + g du to f = u, u^2, ... and g =
+    1, u, ..., exact while f and g are constant over a step; 0 before the first sample at drive
+    0."""
     out = np.empty((u.size, 2 * degree))
     state, before = np.zeros(2 * degree), 0.0
     for t in range(u.size):
@@ -85,7 +87,7 @@ def duhem_columns(alpha: float, degree: int, u: Floats) -> Floats:
 
 
 def fit_duhem(recording: Recording) -> Predict:
-    """alpha by a search over decades, the polynomials solved inside."""
+    """Fit alpha by a search over decades; solve for the polynomials inside."""
     scale = Scale.of(recording)
     u, y = scale.drive(recording.drive), scale.displacement(measured(recording))
 
