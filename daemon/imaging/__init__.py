@@ -1,1 +1,1 @@
-"""A virtual scanning microscope on the simulated stage: what hysteresis does to a picture."""
+"""Virtual scanning microscope on the simulated stage: shows what hysteresis does to an image."""

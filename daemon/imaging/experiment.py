@@ -1,7 +1,8 @@
-"""Three pictures of one grid: linear volts, the inverse model, and what repeats learned.
+"""Image one grid in three ways: with linear volts, with the inverse model, and after learning from
+repeats.
 
-Each is the same raster on the same simulated stage from rest. The first frame comes from elsewhere
-and is not shown. Everything is computed from seeds: two runs give the same pictures.
+Each image is the same raster on the same simulated stage from rest. The first frame starts from
+elsewhere and is not shown. Everything is computed from seeds: two runs give the same images.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -25,24 +26,25 @@ from dehyst.models.recording import Floats
 AXES = ("x", "y")
 RATE_HZ = 1000.0  # of an amplifier with an analog input
 PERIOD_S = 1.0 / RATE_HZ
-RECORD_HZ, RECORD_S = 200.0, 30.0  # of the recordings that the models come from
+RECORD_HZ, RECORD_S = 200.0, 30.0  # recordings from which the models are identified
 TOP_V, BAND_HZ = 110.0, (0.3, 3.0)
-"""What they explore: the voltages of the raster with room, and frequencies up to that of its lines,
-2.5 Hz to and fro."""
+"""Range of these recordings: voltages that include those of the raster with margin, and frequencies
+up to that of its lines, 2.5 Hz for trace and retrace."""
 CENTRE_UM = (8.0, 7.5)
 SIZE_UM, LINES, LINE_S = 8.0, 96, 0.2
-BOUND_UM = 1.7  # largest correction that is learned: a tenth of the reach, as in the loop
-NOISE_UM = StageSettings().sensor_noise_um  # of a gauge whose model states none
+BOUND_UM = 1.7  # largest learned correction: a tenth of the reach, as in the loop
+NOISE_UM = StageSettings().sensor_noise_um  # used if the model states no noise
 APPROACH_S = 1.0
-SHOWN = 2  # the first frame that is shown: the one before it comes from elsewhere
-LESSONS = 10  # frames that are learned from
+SHOWN = 2  # number of the first frame shown: the one before it starts from elsewhere
+LESSONS = 10  # frames used for learning
 COMPENSATED_LEAST, LEARNED_LEAST = 10.0, 30.0
-"""How many times less than raw the distortion has to be."""
+"""Required ratio of the raw distortion to that of the compensated and of the learned image."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """One of the pictures. name, says: what made it; frame; followed: all rows of its frame."""
+    """One image. name, says: how it was made; frame: the frame; followed: all samples of its
+    frame."""
 
     name: str
     says: str
@@ -52,19 +54,19 @@ class Picture:
 
 @dataclass(frozen=True)
 class Imaged:
-    """The pictures raw, compensated, learned, in this order; models: by axis."""
+    """The raw, compensated and learned images, in this order; models: by axis."""
 
     pictures: tuple[Picture, ...]
     models: Mapping[str, Model]
 
     def better(self, name: str) -> float:
-        """How many times less the distortion of this picture is than that of the raw one."""
+        """Return the ratio of the raw image's distortion to that of this image."""
         of = {one.name: one.frame.distortion_nm for one in self.pictures}
         return of["raw"] / of[name]
 
     @property
     def reached(self) -> bool:
-        """Whether both are as much better as they have to be."""
+        """Whether both images reach the required ratio."""
         return (
             self.better("compensated") >= COMPENSATED_LEAST
             and self.better("learned") >= LEARNED_LEAST
@@ -75,8 +77,8 @@ def image(
     progress: Callable[[float], None] = lambda share: None,
     lines: int = LINES,
 ) -> Imaged:
-    """Identify the axes, image the grid three times. progress: called with the share done; lines:
-    of a picture, an even number. Raises BadInput on less than 2 lines."""
+    """Identify the axes, and image the grid in three ways. progress: called with the fraction done;
+    lines: of an image, an even number. Raises BadInput on fewer than 2 lines."""
     models = identify_axes()
     scan = scan_raster(SIZE_UM, SIZE_UM, lines, LINE_S, PERIOD_S)
     targets = {"x": scan.x + CENTRE_UM[0], "y": scan.y + CENTRE_UM[1]}
@@ -110,8 +112,8 @@ def _learn(
     targets: Mapping[str, Floats],
     before: TrackingRun,
 ) -> Iterator[TrackingRun]:
-    """LESSONS frames that are learned from, and one that is not. before: the frame before them, by
-    which the gauges' zeros are set."""
+    """Yield LESSONS frames that are used for learning, and one more that is not. before: the
+    preceding frame, which sets the zeros of the gauges."""
     learners, expected = {}, {}
     for axis, target in targets.items():
         noise_um = models[axis].fit.noise_rms or NOISE_UM
@@ -121,7 +123,7 @@ def _learn(
     used = {axis: np.zeros(target.size) for axis, target in targets.items()}
     fade = fade_share(np.arange(used["x"].size), round(TUNING.fade_s * RATE_HZ))
     for number in range(LESSONS + 1):
-        for axis, learner in learners.items():  # faded in as `dehyst play --learn` does it
+        for axis, learner in learners.items():  # faded in as in `dehyst play --learn`
             used[axis] = used[axis] + fade * (learner.correction - used[axis])
         followed = run.follow({axis: targets[axis] + used[axis] for axis in targets})
         for axis, learner in learners.items():
@@ -131,7 +133,7 @@ def _learn(
 
 
 def identify_axes() -> dict[str, Model]:
-    """The model of each axis, from a recording of its own."""
+    """Return the model of each axis, identified from the axis' own recording."""
     drive = design(0.0, TOP_V, BAND_HZ, RECORD_S, RECORD_HZ).u
     known = record_platform(AXES, drive, RECORD_HZ)
     return {axis: identify([one]).model for axis, one in known.items()}
@@ -140,7 +142,7 @@ def identify_axes() -> dict[str, Model]:
 def _approached(
     models: Mapping[str, Model], targets: Mapping[str, Floats], linear: bool
 ) -> PlatformRun:
-    """A stage that has gone to the first targets from rest."""
+    """Return a stage that has moved from rest to the first targets."""
     run = PlatformRun(models, PERIOD_S, linear)
     share = 0.5 * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, round(APPROACH_S * RATE_HZ))))
     run.follow({axis: share * target[0] for axis, target in targets.items()})

@@ -1,7 +1,7 @@
-"""The virtual microscope: a calibration grid, a raster over it, and how far the picture is off.
+"""Virtual microscope: a calibration grid, a raster scan over it, and the distortion of the image.
 
-The stage carries the tip. A pixel is shown where the stage was wanted, and holds the height of the
-grid where the stage truly was. Lines run to and fro: even rows are the trace, odd ones the retrace.
+The stage carries the tip. A pixel is shown at the target position, and holds the height of the grid
+at the true position. The scan alternates: even rows are the trace, odd rows the retrace.
 """
 
 from dataclasses import dataclass
@@ -12,26 +12,28 @@ import numpy as np
 from dehyst.models.drive_design.scans import Scan
 from dehyst.models.recording import Floats
 
-PITCH_UM, PIT_SHARE, HEIGHT_NM = 1.0, 0.5, 20.0  # of a usual calibration grid: square pits
-TIP_UM = 0.03  # over which an edge is rounded
-SEAM_BINS = 64  # along a line, over which trace and retrace are compared
+PITCH_UM, PIT_SHARE, HEIGHT_NM = 1.0, 0.5, 20.0  # a common calibration grid: square pits
+TIP_UM = 0.03  # distance over which an edge is rounded
+SEAM_BINS = 64  # along a line, in which trace and retrace are compared
 
 
 def grid_height(x_um: Floats, y_um: Floats) -> Floats:
-    """Height [nm] (N,) of the grid at (N,) places: pits of PIT_SHARE of the pitch each way."""
+    """Return the height [nm] (N,) of the grid at (N,) positions: pits of PIT_SHARE of the pitch
+    each way."""
     return -HEIGHT_NM * _inside(x_um) * _inside(y_um)
 
 
 def _inside(at_um: Floats) -> Floats:
-    """From 0 to 1 in a pit, along one axis, its edges rounded by the tip."""
+    """Return 0 outside to 1 inside a pit, along one axis, with edges rounded by the tip."""
     off = np.abs(np.mod(at_um / PITCH_UM, 1.0) - 0.5) - 0.5 * PIT_SHARE
     return np.asarray(0.5 * (1.0 - np.tanh(off * PITCH_UM / TIP_UM)))
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame. scan: its path about the centre; true_x, true_y: (N,) where the stage was [um];
-    centre: of the scan [um]; lines: rows; size_um: width and height of the picture."""
+    """One frame. scan: its path about the centre; true_x, true_y: (N,) true positions of the stage
+    [um]; centre: of the scan [um]; lines: number of rows; size_um: width and height of the
+    image."""
 
     scan: Scan
     true_x: Floats
@@ -42,14 +44,14 @@ class Frame:
 
     @cached_property
     def rows(self) -> list[slice]:
-        """The samples of each line."""
+        """Samples of each line."""
         inside = np.concatenate([[False], self.scan.image, [False]])
         edges = np.flatnonzero(np.diff(inside.astype(np.int8)))
         return [slice(a, b) for a, b in edges.reshape(-1, 2).tolist()]
 
     def picture(self, pixels: int) -> Floats:
-        """(lines, pixels) heights [nm], the first row at the least y; a pixel is the mean of the
-        samples whose wanted place lies in it, or the nearest one."""
+        """Return (lines, pixels) heights [nm], the first row at the least y. Each pixel is
+        interpolated linearly between the samples whose target x are nearest to its centre."""
         out = np.empty((self.lines, pixels))
         centres = ((np.arange(pixels) + 0.5) / pixels - 0.5) * self.size_um
         heights = grid_height(self.true_x, self.true_y)
@@ -61,8 +63,9 @@ class Frame:
 
     @cached_property
     def errors_um(self) -> tuple[Floats, Floats]:
-        """(M,) of x and of y over the samples of the picture: true place less wanted place, after
-        the shift and the scale of each axis that a calibration with the grid would take off."""
+        """(M,) errors of x and of y over the samples of the image [um]: true minus target position,
+        after removing the shift and the scale of each axis, as a calibration with the grid
+        would."""
         return (
             _calibrated(self.scan.x[self.scan.image], self.true_x[self.scan.image]),
             _calibrated(self.scan.y[self.scan.image], self.true_y[self.scan.image]),
@@ -70,19 +73,19 @@ class Frame:
 
     @property
     def distortion_nm(self) -> float:
-        """Rms over the picture of the distance between true and wanted place."""
+        """Rms distance between true and target position over the image [nm]."""
         x, y = self.errors_um
         return float(1e3 * np.sqrt(np.mean(x**2 + y**2)))
 
     @property
     def worst_nm(self) -> float:
-        """The largest such distance."""
+        """Largest distance between true and target position [nm]."""
         x, y = self.errors_um
         return float(1e3 * np.sqrt(np.max(x**2 + y**2)))
 
     @property
     def uncalibrated_nm(self) -> float:
-        """As distortion_nm, only the shift taken off."""
+        """Like distortion_nm, but with only the shift removed [nm]."""
         off = [
             (true - wanted)[self.scan.image]
             for true, wanted in ((self.true_x, self.scan.x), (self.true_y, self.scan.y))
@@ -91,18 +94,19 @@ class Frame:
 
     @cached_property
     def along_lines(self) -> tuple[Floats, Floats]:
-        """(SEAM_BINS,) true x at evenly spaced wanted x, mean of the traces and of the retraces."""
+        """(SEAM_BINS,) true x at evenly spaced target x [um], averaged over the traces and over the
+        retraces."""
         lines = [self._along(row) for row in self.rows]
         return np.mean(lines[0::2], axis=0), np.mean(lines[1::2], axis=0)
 
     @property
     def seam_nm(self) -> float:
-        """Rms along a line of the distance in x between trace and retrace at one wanted x."""
+        """Rms distance in x between trace and retrace at the same target x, along a line [nm]."""
         trace, retrace = self.along_lines
         return float(1e3 * np.sqrt(np.mean((trace - retrace) ** 2)))
 
     def _along(self, row: slice) -> Floats:
-        """(SEAM_BINS,) true x at evenly spaced wanted x."""
+        """Return (SEAM_BINS,) true x at evenly spaced target x [um]."""
         x = self.scan.x[row]
         order = np.argsort(x, kind="stable")
         at = ((np.arange(SEAM_BINS) + 0.5) / SEAM_BINS - 0.5) * self.size_um
@@ -110,7 +114,7 @@ class Frame:
 
 
 def _calibrated(wanted: Floats, true: Floats) -> Floats:
-    """What a straight line through true over wanted leaves (M,)."""
+    """Return the residual (M,) of a straight-line fit of true over target."""
     off = wanted - wanted.mean()
     moved = true - true.mean()
     return np.asarray(moved - off * (off @ moved) / (off @ off))

@@ -1,4 +1,4 @@
-"""The pictures as HDF5 with NeXus names: an NXdata group for each, the learned one by default.
+"""Write the images as HDF5 with NeXus names: an NXdata group for each, the learned one as default.
 
 Names and attributes: NeXus International Advisory Committee, base classes NXroot, NXentry, NXdata,
 NXsample, NXpositioner and NXprocess. Needs h5py.
@@ -16,7 +16,7 @@ from dehyst.daemon.imaging.report import PIXELS, distortion_percent
 
 
 def to_hdf5(imaged: Imaged) -> bytes:
-    """The whole file. Raises ImportError where h5py is not there."""
+    """Return the whole file. Raises ImportError if h5py is not installed."""
     import h5py
 
     out = io.BytesIO()
@@ -40,7 +40,7 @@ def to_hdf5(imaged: Imaged) -> bytes:
 
 
 def _add_picture(entry: Any, one: Picture) -> None:
-    """Heights over wanted places."""
+    """Add heights over target positions."""
     frame = one.frame
     data = _group(entry, one.name, "NXdata")
     data.attrs["signal"] = "height"
@@ -60,7 +60,7 @@ def _add_picture(entry: Any, one: Picture) -> None:
 
 
 def _add_stage(instrument: Any, one: Picture) -> None:
-    """Where the stage was wanted, where it was and at what voltage, for each axis over time."""
+    """Add target position, reading, true position and voltage of each axis over time."""
     scan, followed = one.frame.scan, one.followed
     for axis, wanted, centre in (("x", scan.x, CENTRE_UM[0]), ("y", scan.y, CENTRE_UM[1])):
         stage = _group(instrument, f"{one.name}_{axis}", "NXpositioner")

@@ -1,6 +1,6 @@
-"""The simulated stage of several axes in virtual time: recorded, and led along targets.
+"""Record the simulated multi-axis stage, and let it follow targets, in virtual time.
 
-No clock, no devices, no daemon: the same compensators as the daemon's, one sample after the other.
+No clock, no devices, no daemon: the daemon's compensators are called sample by sample.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,8 +20,8 @@ EXERCISE_S = 5.0
 
 
 def record_platform(axes: Sequence[str], drive: Floats, rate_hz: float) -> dict[str, Recording]:
-    """A recording of each axis, readings of its gauge: after an exercise each axis goes through the
-    drive (N,) [V] alone, then all do so together, each at its own pace."""
+    """Return a recording of each axis, with the readings of its gauge. After an exercise, each axis
+    plays the drive (N,) [V] alone, then all play it together, each at its own pace."""
     period_s = 1.0 / rate_hz
     stage = Platform(settings_by_axis(axes, {}))
     n, whole, count = drive.size, int(drive.size / min(PACES[: len(axes)])), len(axes)
@@ -41,7 +41,7 @@ def record_platform(axes: Sequence[str], drive: Floats, rate_hz: float) -> dict[
             shown[i, k] = stage.axes[axis].reading_um()
             stage.axes[axis].command(row[k])
         stage.advance(period_s)
-    held = np.vstack([np.zeros((1, count)), plan[:-1]])  # a reading belongs to the volts before it
+    held = np.vstack([np.zeros((1, count)), plan[:-1]])  # a reading belongs to the previous voltage
     t_s = np.arange(plan.shape[0], dtype=np.float64) * period_s
     return {
         axis: Recording(
@@ -57,7 +57,7 @@ def record_platform(axes: Sequence[str], drive: Floats, rate_hz: float) -> dict[
 
 @dataclass(frozen=True)
 class TrackingRun:
-    """What came of following targets: true displacement, reading and volts of each axis (N,)."""
+    """Result of following targets: true displacement, reading and volts of each axis (N,)."""
 
     true: dict[str, Floats]
     shown: dict[str, Floats]
@@ -67,8 +67,8 @@ class TrackingRun:
 class PlatformRun:
     """A stage that begins at rest and follows targets open loop, pass after pass.
 
-    models: by axis; linear: volts proportional to the target, by the model's mean slope, in place
-    of its inverse. Raises BadInput on models that cannot be inverted.
+    models: by axis; linear: use volts proportional to the target, by the model's mean slope,
+    instead of its inverse. Raises BadInput on models that cannot be inverted.
     """
 
     def __init__(self, models: Mapping[str, Model], period_s: float, linear: bool = False) -> None:
@@ -82,7 +82,7 @@ class PlatformRun:
         self._volts = dict.fromkeys(models, 0.0)
 
     def follow(self, targets: Mapping[str, Floats]) -> TrackingRun:
-        """Follow targets (N,) [um] of each axis, from wherever the stage is now."""
+        """Follow targets (N,) [um] of each axis, starting from the stage's present position."""
         n = next(iter(targets.values())).size
         out = [{axis: np.empty(n) for axis in targets} for _ in range(3)]
         true, shown, volts = out

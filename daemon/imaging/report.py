@@ -1,4 +1,4 @@
-"""What `dehyst image` shows: a table, figures for a program, three pictures side by side."""
+"""Output of `dehyst image`: a table, figures for programs, and three images side by side."""
 
 from functools import partial
 from typing import Any
@@ -16,13 +16,13 @@ from dehyst.daemon.imaging.experiment import (
 from dehyst.daemon.imaging.microscope import HEIGHT_NM
 from dehyst.daemon.report.plotting import BEFORE, MODEL, add_legend, draw_rows
 
-PIXELS = 192  # along a line: an edge of the tip's width is one pixel
+PIXELS = 192  # along a line: a tip-rounded edge is about one pixel wide
 HEAD = ("picture", "distortion, nm", "of the width, %", "worst, nm", "seam, nm", "less than raw")
 LEAST = {"raw": 0.0, "compensated": COMPENSATED_LEAST, "learned": LEARNED_LEAST}
 
 
 def pictures_to_json(imaged: Imaged) -> dict[str, Any]:
-    """The figures by picture."""
+    """Return the figures by image."""
     pictures = {}
     for one in imaged.pictures:
         frame = one.frame
@@ -40,12 +40,12 @@ def pictures_to_json(imaged: Imaged) -> dict[str, Any]:
 
 
 def distortion_percent(one: Picture) -> float:
-    """Distortion as a share of the picture's width [%]."""
+    """Return the distortion as a percentage of the image width."""
     return 0.1 * one.frame.distortion_nm / one.frame.size_um
 
 
 def picture_table(imaged: Imaged) -> str:
-    """The figures for a terminal."""
+    """Return the figures as a table for a terminal."""
     lines = [HEAD]
     for one in imaged.pictures:
         frame = one.frame
@@ -68,7 +68,7 @@ def picture_table(imaged: Imaged) -> str:
 
 
 def draw_pictures(imaged: Imaged) -> bytes:
-    """PNG: the three pictures, and below each how far it is off along a line."""
+    """Return a PNG of the three images, with the error along a line below each."""
     most = 1.3 * max(np.abs(errors).max() for errors in _along_lines(imaged.pictures[0]))
     return draw_rows(
         [
@@ -79,7 +79,7 @@ def draw_pictures(imaged: Imaged) -> bytes:
 
 
 def draw_image(one: Picture, axes: Axes) -> str:
-    """The picture as the microscope shows it."""
+    """Draw the image as the microscope shows it."""
     half, (x, y) = 0.5 * one.frame.size_um, CENTRE_UM
     axes.imshow(
         one.frame.picture(PIXELS),
@@ -100,7 +100,8 @@ def draw_image(one: Picture, axes: Axes) -> str:
 
 
 def draw_lines(one: Picture, most_nm: float, axes: Axes) -> str:
-    """True minus target x along the lines, trace and retrace. most_nm: end of the scale."""
+    """Draw true minus target x along the lines, for trace and retrace. most_nm: end of the
+    scale."""
     trace, retrace = _along_lines(one)
     half = 0.5 * one.frame.size_um
     at = CENTRE_UM[0] + half * (2.0 * (np.arange(trace.size) + 0.5) / trace.size - 1.0)
@@ -114,7 +115,8 @@ def draw_lines(one: Picture, most_nm: float, axes: Axes) -> str:
 
 
 def _along_lines(one: Picture) -> tuple[Any, Any]:
-    """Mean of trace and of retrace, true minus target x [nm], mean of both taken off."""
+    """Return true minus target x [nm], averaged over the traces and over the retraces; their common
+    mean is removed."""
     trace, retrace = one.frame.along_lines
     at = (np.arange(trace.size) + 0.5) / trace.size * one.frame.size_um
     both = 0.5 * (trace + retrace) - at
