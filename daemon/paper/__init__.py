@@ -1,1 +1,2 @@
-"""The source paper's experiments again (Qin et al., section 3), on stages that are equations."""
+"""The source paper's experiments repeated (Qin et al., section 3), on stages defined by
+equations."""

@@ -1,4 +1,4 @@
-"""Where the experiments differ from the paper, and why: the one table of it."""
+"""Table of the differences between the experiments and the paper, with reasons."""
 
 DEVIATIONS: tuple[tuple[str, ...], tuple[tuple[str, ...], ...]] = (
     ("what", "paper", "here", "why"),
@@ -60,4 +60,4 @@ DEVIATIONS: tuple[tuple[str, ...], tuple[tuple[str, ...], ...]] = (
         ),
     ),
 )
-"""Head and rows, as docs/paper.md has them."""
+"""Header and rows, as in docs/paper.md."""

@@ -1,4 +1,4 @@
-"""Section 3 of the paper: its drives, its figures, and the same errors on a stage again.
+"""Section 3 of the paper: its drives and figures, and the same errors computed on simulated stages.
 
 Everything is computed from a seed: two runs give the same figures.
 """
@@ -19,8 +19,8 @@ from dehyst.models.recording import Bools, Recording
 
 PERIOD_S = 1e-3
 NOISE_NM = 25.0
-"""rms. The paper's noise level of 100 nm cannot be an rms: its own errors against the same sensor
-are 45.55 nm. Read here as peak to peak, four standard deviations."""
+"""Noise rms. The paper's noise level of 100 nm cannot be an rms, because its own errors against the
+same sensor are 45.55 nm. It is taken as peak to peak, i.e. four standard deviations."""
 SEED = 2017
 TARGET_UM_PER_V = 0.9  # set-points for the inverse: the drive's shape, 9 um for 10 V
 SWEEP_V = 1.0  # peak to peak: the paper's 94.11 nm are 8.25 % of 1.14 um, about 1 V of its stage
@@ -28,32 +28,34 @@ NO_SLEW, WINDOW_S = 1e12, 0.1
 
 
 def times(seconds: float) -> Floats:
-    """(N,) sampling times from 0 [s]."""
+    """Return (N,) sampling times from 0 [s]."""
     out: Floats = np.arange(round(seconds / PERIOD_S) + 1).astype(np.float64)
     out *= PERIOD_S
     return out
 
 
 def sines(t: Floats, parts: tuple[tuple[float, float], ...]) -> Floats:
-    """Eq. 9 from 0 V up: the centred sum of (amplitude [V], frequency [Hz]) plus its offset."""
+    """Return Eq. 9 from 0 V up: the centred sum of (amplitude [V], frequency [Hz]) plus its
+    offset."""
     return sum((a * (1.0 - np.cos(2 * np.pi * f * t)) for a, f in parts), np.zeros(t.size))
 
 
 def triangle(t: Floats) -> Floats:
-    """10 V peak to peak, 1 Hz, from 0 V."""
+    """Return a triangle of 10 V peak to peak, 1 Hz, from 0 V."""
     return 10.0 * (1.0 - np.abs(1.0 - 2.0 * np.mod(t, 1.0)))
 
 
 def linear_sweep(t: Floats) -> Floats:
-    """0.1 to 20 Hz, the frequency linear in time over the whole of t."""
+    """Return a sweep of 0.1 to 20 Hz, with the frequency linear in time over the whole of t."""
     phase = 2 * np.pi * (0.1 * t + 0.5 * (20.0 - 0.1) / t[-1] * t**2)
     return 0.5 * SWEEP_V * (1.0 - np.cos(phase))
 
 
 @dataclass(frozen=True)
 class PaperExperiment:
-    """One line of section 3. paper: (mean, standard deviation) [nm], or (maximum,) of the last
-    second; own_stage: the stage whose equation the paper's model is: there it counts."""
+    """One experiment of section 3. paper: (mean, standard deviation) [nm], or (maximum,) of the
+    last second; own_stage: the stage defined by the paper's model, on which the experiment
+    counts."""
 
     name: str
     figure: str
@@ -65,22 +67,22 @@ class PaperExperiment:
 
     @property
     def own_stage(self) -> str:
-        """Where the paper's figure has to be reached."""
+        """Stage on which the paper's figure must be reached."""
         return "Eq. 12" if self.rate else "Eq. 11"
 
 
 def one_sine(t: Floats) -> Floats:
-    """10 V peak to peak, 1 Hz."""
+    """Return a sine of 10 V peak to peak, 1 Hz."""
     return sines(t, ((5.0, 1.0),))
 
 
 def two_sines(t: Floats) -> Floats:
-    """Section 3.2."""
+    """Return the drive of section 3.2."""
     return sines(t, ((2.0, 10.0), (3.0, 5.0)))
 
 
 def four_sines(t: Floats) -> Floats:
-    """Section 3.3."""
+    """Return the drive of section 3.3."""
     return sines(t, ((1.0, 10.0), (1.0, 7.5), (1.0, 5.0), (2.0, 4.0)))
 
 
@@ -96,12 +98,12 @@ EXPERIMENTS = (
 
 @dataclass(frozen=True)
 class Result:
-    """One experiment on one stage. Columns (N,) [V, um]; mean, std, maximum: model - measured
-    [nm], the sweep's of its last second; true_std, true_maximum: against the displacement without
-    noise; noise_maximum: of the noise alone on the same rows; plain_maximum: as true_maximum, of a
-    plain least-squares fit as the paper's, which cannot be inverted; reachable: (N,) rows whose
-    target the inverse can reach; tracking_rms, tracking_max: target - displacement under the
-    inverse's drive on those rows [nm], whole_rms: on all."""
+    """One experiment on one stage. Columns (N,) [V, um]; mean, std, maximum: of model - measured
+    [nm], for the sweep over its last second; true_std, true_maximum: against the displacement
+    without noise; noise_maximum: of the noise alone on the same rows; plain_maximum: like
+    true_maximum, for a plain least-squares fit like the paper's, which cannot be inverted;
+    reachable: (N,) rows whose target the inverse can reach; tracking_rms, tracking_max: of target -
+    displacement under the inverse's drive on those rows [nm]; whole_rms: on all rows."""
 
     experiment: PaperExperiment
     stage: str
@@ -125,8 +127,9 @@ class Result:
 
     @property
     def reached(self) -> bool:
-        """The standard deviation is at most the paper's, and the mean at most the paper's mean
-        with its standard deviation; of the sweep the maximum is at most the paper's."""
+        """Whether the standard deviation is at most the paper's, and the mean at most the paper's
+        mean plus its standard deviation; for the sweep, whether the maximum is at most the
+        paper's."""
         if len(self.experiment.paper) == 1:
             return self.maximum <= self.experiment.paper[0]
         mean, std = self.experiment.paper
@@ -134,11 +137,11 @@ class Result:
 
     @property
     def counts(self) -> bool:
-        """Whether the exit status depends on it."""
+        """Whether the exit status depends on this result."""
         return self.stage == self.experiment.own_stage
 
     def to_json(self) -> dict[str, Any]:
-        """The figures without the columns."""
+        """Return the figures without the columns."""
         e = self.experiment
         return {
             "experiment": e.name,
@@ -168,7 +171,7 @@ def run_experiments(
     shorten: float = 1.0,
     stages: tuple[str, ...] = tuple(STAGES),
 ) -> list[Result]:
-    """Every experiment on every stage. shorten: share of the paper's seconds (tests)."""
+    """Run every experiment on every stage. shorten: share of the paper's seconds (for tests)."""
     out: list[Result] = []
     rng = np.random.default_rng(SEED)
     total = len(stages) * len(EXPERIMENTS)
@@ -188,7 +191,8 @@ def _run(
     noise_nm: float,
     shorten: float,
 ) -> Result:
-    """models: those identified so far, by (rate-dependent, invertible); a fit adds its own."""
+    """Run one experiment. models: identified so far, by (rate-dependent, invertible); a fit adds
+    its own."""
     stage = STAGES[name]
     t = times(experiment.seconds * shorten)
     drive = experiment.drive(t)
@@ -239,8 +243,8 @@ def _run(
 
 
 def track(model: Model, stage: Stage, target: Floats) -> tuple[Floats, Bools]:
-    """Displacement (N,) [um] of the stage under the inverse's drive for a target (N,) [um], and
-    where (N,) the model says that the target can be reached."""
+    """Return the displacement (N,) [um] of the stage under the inverse's drive for a target (N,)
+    [um], and where (N,) the model predicts that the target can be reached."""
     v = model.validity
     compensator = Compensator(model, PERIOD_S, v.drive_min, v.drive_max, NO_SLEW, "auto", WINDOW_S)
     found = invert_trajectory(compensator, target, None, None)

@@ -1,4 +1,4 @@
-"""Figures 3 to 7 of the paper, from the experiments on one stage; and the inverse's tracking."""
+"""Figures 3 to 7 of the paper, from the experiments on one stage, and the inverse's tracking."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -21,7 +21,7 @@ END_S = 0.15  # three periods of 20 Hz
 
 
 def figures(results: Sequence[Result]) -> dict[str, list[Draw]]:
-    """The panels of each figure by its number. results: all experiments of one stage."""
+    """Return the panels of each figure by its number. results: all experiments of one stage."""
     of = {name: [r for r in results if r.experiment.figure == name] for name in "34567"}
     out: dict[str, list[Draw]] = {}
     for name in "345":
@@ -37,7 +37,7 @@ def figures(results: Sequence[Result]) -> dict[str, list[Draw]]:
 
 
 def draw_time(results: Sequence[Result], axes: Axes) -> str:
-    """Measured, and what one model or two predict."""
+    """Draw the measured displacement, and the predictions of one or two models."""
     first = results[0]
     draw_trace(axes, first.t_s, first.measured, MEASURED, "measured")
     for one in results:
@@ -48,7 +48,7 @@ def draw_time(results: Sequence[Result], axes: Axes) -> str:
 
 
 def draw_end(one: Result, axes: Axes) -> str:
-    """The last periods of a sweep, as the insets of the paper's Figure 7."""
+    """Draw the last periods of a sweep, as in the insets of the paper's Figure 7."""
     end = one.t_s > one.t_s[-1] - END_S
     axes.plot(one.t_s[end], one.measured[end], ".", color=MEASURED, ms=3, label="measured")
     axes.plot(one.t_s[end], one.predicted[end], color=_color(one), lw=1.0, label=_label(one))
@@ -58,7 +58,7 @@ def draw_end(one: Result, axes: Axes) -> str:
 
 
 def draw_drive_loop(one: Result, axes: Axes) -> str:
-    """Displacement over drive."""
+    """Draw displacement over drive."""
     u, y, m = thin_rows(one.drive, one.measured, one.predicted)
     axes.plot(u, y, ".", color=MEASURED, ms=1.5, label="measured")
     axes.plot(u, m, color=_color(one), lw=1.0, label=_label(one))
@@ -68,7 +68,7 @@ def draw_drive_loop(one: Result, axes: Axes) -> str:
 
 
 def draw_errors(results: Sequence[Result], axes: Axes) -> str:
-    """Model minus measured, one model or two."""
+    """Draw model minus measured for one or two models."""
     for one in results:
         error = 1e3 * (one.predicted - one.measured)
         draw_trace(axes, one.t_s, error, _color(one), _label(one))
@@ -80,7 +80,8 @@ def draw_errors(results: Sequence[Result], axes: Axes) -> str:
 
 
 def draw_tracking(results: Sequence[Result], axes: Axes) -> str:
-    """Target minus displacement of each signal under the inverse's drive, rms as bars."""
+    """Draw the rms of target minus displacement of each signal under the inverse's drive as
+    bars."""
     at = np.arange(len(results))
     colors = [_color(r) for r in results]
     axes.barh(at, [r.tracking_rms for r in results], color=colors)

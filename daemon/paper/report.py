@@ -1,4 +1,4 @@
-"""What `dehyst paper` shows: a table, a page, pictures."""
+"""Output of `dehyst paper`: a table, a page, pictures."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -20,7 +20,7 @@ RULE = (
 
 
 def rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
-    """The table's cells, as in HEAD."""
+    """Return the table's cells, in the order of HEAD."""
     return [
         (
             r.stage,
@@ -36,7 +36,7 @@ def rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
 
 
 def paper_table(results: Sequence[Result]) -> str:
-    """The table for a terminal, and its rule."""
+    """Return the table for a terminal, with its rule."""
     lines = [HEAD, *rows(results)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(HEAD))]
     cells = ["  ".join(c.ljust(w) for c, w in zip(x, widths, strict=True)).rstrip() for x in lines]
@@ -44,7 +44,8 @@ def paper_table(results: Sequence[Result]) -> str:
 
 
 def maximum_says(r: Result) -> str:
-    """What the maximum of a sweep is made of; "" of other signals and where it does not count."""
+    """Explain the maximum of a sweep; "" for other signals, and on stages where it does not
+    count."""
     if len(r.experiment.paper) > 1 or not r.counts:
         return ""
     return (
@@ -56,7 +57,7 @@ def maximum_says(r: Result) -> str:
 
 
 def by_stage(results: Sequence[Result]) -> dict[str, list[Result]]:
-    """The results of each stage."""
+    """Return the results of each stage."""
     out: dict[str, list[Result]] = {}
     for one in results:
         out.setdefault(one.stage, []).append(one)
@@ -64,7 +65,7 @@ def by_stage(results: Sequence[Result]) -> dict[str, list[Result]]:
 
 
 def page(results: Sequence[Result]) -> str:
-    """The whole page as HTML text."""
+    """Return the whole page as HTML text."""
     out = Page("The paper's experiments again")
     out.add_text(RULE)
     out.add_table(HEAD, rows(results))
@@ -83,7 +84,7 @@ def page(results: Sequence[Result]) -> str:
 
 
 def pictures(results: Sequence[Result]) -> dict[str, bytes]:
-    """PNG by file name: Figures 3 to 7 and the tracking of each stage."""
+    """Return PNGs by file name: Figures 3 to 7 and the tracking of each stage."""
     out = {}
     for stage, of in by_stage(results).items():
         name = stage.lower().replace(". ", "")

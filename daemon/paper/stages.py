@@ -1,4 +1,4 @@
-"""The stages of the experiments: the paper's two equations, and one of another class."""
+"""Stages of the experiments: the paper's two equations, and one of a different class."""
 
 from collections.abc import Callable
 
@@ -12,15 +12,15 @@ Stage = Callable[[Floats, float], Floats]
 """(drive (N,) [V], period [s]) -> displacement (N,) [um], from the de-energised state."""
 
 GAIN_UM, LOOP_UM = 1.15, 1.3  # um/V of the straight line; um of the hysteretic part at full scale
-REACH_V = 1.6  # drive after a reversal in which the hysteretic part turns
+REACH_V = 1.6  # drive after a reversal over which the hysteretic part reverses
 SOFTENING = 0.004  # 1/V: the stroke saturates by 4 % at 10 V, as a stack does
 
 
 def bouc_wen_stage(drive: Floats, period_s: float) -> Floats:
-    """Displacement (N,) [um] of a Bouc-Wen stage: no play operators, no odd polynomial.
+    """Return the displacement (N,) [um] of a Bouc-Wen stage: no play operators, no odd polynomial.
 
-    The hysteretic variable of exponent 1 with beta = 1 and gamma = 0, dh = dv - |dv| h, solved
-    exactly between samples (Wen, J. Eng. Mech. 1976); v is the drive over REACH_V.
+    The hysteretic variable of exponent 1 with beta = 1 and gamma = 0, dh = dv - |dv| h, is solved
+    exactly between samples (Wen, J. Eng. Mech. 1976); v is the drive divided by REACH_V.
     """
     out = np.empty(drive.size)
     h, before = 0.0, 0.0
