@@ -22,8 +22,8 @@ DIVERGED = 1e3  # standard deviations
 def regressors(
     u: float, u1: float, u2: float, y1: float, y2: float, sign: float, out: Floats
 ) -> None:
-    """Fill out (TERMS,): constant, linear and quadratic terms, and terms with the sign of the
-    drive's change."""
+    """Fill out (TERMS,): 1, linear and quadratic terms, and terms with the sign of the drive's
+    change."""
     x = (u, u1, u2, y1, y2)
     out[0] = 1.0
     place = 1

@@ -52,7 +52,7 @@ def fit_neural_net(recording: Recording) -> Predict:
         random_state=SEED,
     )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # training stops after STEPS in any case
+        warnings.simplefilter("ignore", ConvergenceWarning)  # training stops after STEPS
         net.fit((x - mean) / std, scale.displacement(measured(recording)))
 
     def predict(t_s: Floats, u: Floats) -> Floats:

@@ -19,7 +19,7 @@ from dehyst.models.identify import Options, identify_alone
 from dehyst.models.recording import Floats, Recording
 
 OPERATORS = 20  # thresholds of the classical model
-THRESHOLDS = 0.5 * np.arange(OPERATORS) / OPERATORS  # of the range; a play of half the range never moves
+THRESHOLDS = 0.5 * np.arange(OPERATORS) / OPERATORS  # of the range; one of half of it never moves
 
 
 def fit_this(recording: Recording) -> Predict:
