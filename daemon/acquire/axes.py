@@ -21,7 +21,7 @@ stay in step."""
 def plan_axes(configs: Sequence[Config], t_s: Floats, drive: Floats) -> tuple[Floats, Floats]:
     """Return (N,) times and (N, axes) actuator volts: every axis plays the drive alone, then all
     play it together. drive: (M,), or (M, axes) with one for each axis. A waiting axis stays at the
-    first value of its drive. Raises BadRecording if it violates an axis' limits."""
+    first value of its drive. Raises BadRecording if the drive violates an axis' limits."""
     drives = np.repeat(drive[:, None], len(configs), axis=1) if drive.ndim == 1 else drive
     period_s = 1.0 / configs[0].loop.rate_hz
     paces = [PACES[k % len(PACES)] ** (1 + k // len(PACES)) for k in range(len(configs))]
@@ -74,7 +74,7 @@ def play_axes(
     stop: Callable[[], str] = str,
 ) -> tuple[dict[str, Recording], str]:
     """Like `acquire_axes`, for volts_at (N, axes) [actuator volts] at the loop's rate, starting at
-    t_s[0]. Also raises BadRecording if it violates an axis' limits."""
+    t_s[0]. Also raises BadRecording if volts_at violates an axis' limits."""
     for k, config in enumerate(configs):
         check_drive(config, t_s, volts_at[:, k])
     period_s = 1.0 / configs[0].loop.rate_hz

@@ -99,7 +99,7 @@ class McapRows:
     def finish(self) -> None:
         """Write the last chunk and the index; the file stays open. Raises RecordingFailed."""
         if not self._failed:
-            self._failed = True  # whatever happens, not twice
+            self._failed = True  # never finish twice, whatever happens
             try:
                 self._writer.finish()
             except RecordingFailed as failed:

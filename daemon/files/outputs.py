@@ -57,7 +57,7 @@ def check_place(path: Path) -> None:
 def _same(path: Path, other: Path) -> bool:
     try:
         return os.path.samefile(path, other)
-    except OSError:  # one of them is not there yet
+    except OSError:  # one of them does not exist yet
         return path.resolve() == other.resolve()
 
 

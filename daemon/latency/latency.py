@@ -1,5 +1,5 @@
-"""Self-test behind `dehyst latency`: run the daemon's own loop on the simulated stage together with
-a witness thread, and time the device calls separately."""
+"""Self-test of `dehyst latency`: run the daemon's own loop on the simulated stage together with the
+witness threads, and time the device calls separately."""
 
 import math
 import os

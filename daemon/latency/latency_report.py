@@ -1,4 +1,4 @@
-"""Result of the self-test behind `dehyst latency`, for machines and for people."""
+"""Result of the self-test of `dehyst latency`, for machines and for people."""
 
 from typing import Any
 

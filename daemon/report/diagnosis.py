@@ -16,7 +16,7 @@ TITLES = {
     "partly": "Diagnosis: a part of the model's error is explained",
     "unknown": "Diagnosis: the model's error is not explained",
 }
-"""By verdict."""
+"""Title of the report by verdict."""
 MOST_VIEWS = 4
 
 

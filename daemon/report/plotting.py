@@ -94,7 +94,7 @@ def _draw_on(axes: Axes, draw: Draw) -> str:
     try:
         shows = draw(axes)
         axes.get_tightbbox()  # computes scales and ticks, so that a failure occurs here
-    except Exception as error:  # whatever it is, the other pictures and the words are kept
+    except Exception as error:  # any failure: the other pictures and the text are kept
         says = f"This picture could not be drawn: {str(error) or type(error).__name__}"
         for part in axes.get_children():
             part.set_visible(False)

@@ -36,7 +36,7 @@ def text_of(given: str | bytes) -> str:
     them."""
     try:
         raw = given if isinstance(given, bytes) else given.encode("utf-8", "surrogateescape")
-    except UnicodeEncodeError:  # half a pair of UTF-16
+    except UnicodeEncodeError:  # an unpaired UTF-16 surrogate
         return str(given).encode("utf-8", "replace").decode()
     try:
         return raw.decode()

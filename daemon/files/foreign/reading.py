@@ -53,7 +53,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     )
 
     def add(*options: str, **more: Any) -> None:
-        for names in (options, options[1:]):  # without the first where the command uses it
+        for names in (options, options[1:]):  # drops the first name if the command uses it
             with suppress(argparse.ArgumentError):
                 if names:
                     group.add_argument(*names, **more)

@@ -150,8 +150,8 @@ CHANGES = [
         ("tests/daemon/report/test_every_picture.py", "tests/daemon/doctor/test_ends.py"),
         Change(
             "picture-kills-report", "daemon/report/plotting.py",
-            "    except Exception as error:  # whatever it is",
-            "    except KeyError as error:  # whatever it is",
+            "    except Exception as error:  # any failure",
+            "    except KeyError as error:  # any failure",
             "a picture that cannot be drawn loses the findings of its report",
         ),
         Change(
