@@ -183,9 +183,11 @@ def _trajectory(name: str, loaded: Loaded, min_rows: int, column: str) -> Trajec
             f"there are {_listed(columns)}"
         )
     key = column or _unit_column(name, loaded, "target", "target", required=True)
-    row = np.flatnonzero(~np.isfinite(columns[key]))
-    if row.size:
-        raise BadRecording(f"{name}: {loaded.where(int(row[0]))}: {key} is missing")
+    missing = ~np.isfinite(loaded.columns[key])
+    if times.keep is not None:
+        missing &= times.keep
+    if missing.any():
+        raise BadRecording(f"{name}: {loaded.where(int(np.argmax(missing)))}: {key} is missing")
     further = {k: values for k, values in columns.items() if k not in ("t_s", key)}
     unit = key.rpartition("_")[2]
     channels = targets_as_channels(further, unit)

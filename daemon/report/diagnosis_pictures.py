@@ -33,7 +33,7 @@ MODELS = (
     ("base", BEFORE, "model in use"),
     ("augmented", MODEL, "augmented model"),
 )
-STILL = 1e-3  # share of the drive's range per 20 samples, below which the drive is held
+STILL = 0.05  # of the drive's range per second, below which the drive is held
 FEW = 50  # least number of samples for a picture
 
 
@@ -147,11 +147,11 @@ def _draw_swings(diagnosis: Diagnosis, axes: Axes) -> str:
     axes.axhline(0.0, color=NOISE, lw=1)
     volts = spell_unit(diagnosis.drive_unit)
     axes.set(
-        xlabel=f"way since the last turn, {volts}",
-        ylabel=f"error along the way, {unit}",
+        xlabel=f"travel since the last reversal, {volts}",
+        ylabel=f"error, {unit}",
         title="model in use, after a turn",
     )
-    return "Mean error of the model in use along the way since the last turn of the drive."
+    return "Mean error of the model in use by the travel since the last reversal of the drive."
 
 
 def _loop_samples(diagnosis: Diagnosis) -> tuple[Floats, Floats, Bools]:
@@ -292,6 +292,7 @@ def _rate(view: FitView) -> Floats:
 
 def _in_hold(view: FitView, span: float) -> Floats:
     """Return the time since the drive came to rest [s]; 0 while it moves."""
-    moves = np.abs(np.diff(view.drive, prepend=view.drive[0])) > STILL * span / 20
+    step = np.abs(np.diff(view.drive, prepend=view.drive[0]))
+    moves = step > STILL * span * _period_s(view)
     start = np.maximum.accumulate(np.where(moves, np.arange(moves.size), 0))
     return np.where(moves, 0.0, view.t_s - view.t_s[start])

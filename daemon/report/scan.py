@@ -12,7 +12,7 @@ def picture_scan(scan: Scan, x: Floats, y: Floats, axes: tuple[str, str], unit: 
     added."""
 
     def plane(a: Axes) -> str:
-        a.plot(x, y, color=UNUSED, lw=0.8, label="turns, way in and back")
+        a.plot(x, y, color=UNUSED, lw=0.8, label="turns, lead-in and return")
         shown = [values.copy() for values in (x, y)]
         for values in shown:
             values[~scan.image] = float("nan")

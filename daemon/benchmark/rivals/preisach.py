@@ -17,7 +17,7 @@ from dehyst.daemon.benchmark.rivals.interface import (
 from dehyst.models.recording import Floats, Recording
 
 CELLS = 24  # levels of the plane: 300 relays
-ROWS = 6000  # longer recordings are thinned evenly to ROWS to 2 ROWS: each has 300 columns
+ROWS = 6000  # longer recordings are thinned evenly to at most so many rows: each has 300 columns
 
 
 @njit(cache=True)
@@ -62,7 +62,7 @@ def fit_preisach(recording: Recording) -> Predict:
     """Fit the weights by least squares, none below 0; drop those of value 0."""
     scale, (up, down) = Scale.of(recording), plane()
     columns = relay_matrix(up, down, scale.drive(recording.drive))
-    every = max(1, columns.shape[0] // ROWS)
+    every = -(-columns.shape[0] // ROWS)
     y = scale.displacement(measured(recording))
     weights, offset = solve_not_negative(columns[::every], y[::every])
     kept = weights > 0.0

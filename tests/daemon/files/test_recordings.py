@@ -164,3 +164,12 @@ def test_trajectory(tmp_path: Path) -> None:
     path.write_bytes(b"t_s,target_um\n0,1\n0.5,\n")
     with pytest.raises(BadRecording, match="line 3: target_um is missing"):
         read_trajectory(path)
+
+
+def test_a_missing_target_behind_a_row_written_twice_is_named_by_its_own_line(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t_s,target_um\n0,1\n0.1,2\n0.1,2\n0.2,3\n0.3,\n0.4,4\n")
+    with pytest.raises(BadRecording, match="line 6: target_um is missing"):
+        read_trajectory(path)

@@ -162,4 +162,12 @@ CHANGES += room(
         "a name in an archive writes several lines where one is promised",
         tests=(f"{OTHERS}::test_a_name_of_several_lines_is_said_in_one",),
     ),
+    Change(
+        "line-of-a-kept-row", "daemon/files/recordings.py",
+        "    missing = ~np.isfinite(loaded.columns[key])\n    if times.keep is not None:\n"
+        "        missing &= times.keep\n",
+        "    missing = ~np.isfinite(columns[key])\n",
+        "behind a row that is written twice, a missing target is named by the wrong line",
+        tests=("tests/daemon/files/test_recordings.py",),
+    ),
 )  # fmt: skip
