@@ -1,4 +1,4 @@
-"""The daemon's configuration: one TOML file, every key known, every value checked."""
+"""The daemon's configuration: one TOML file. Unknown keys are errors; every value is checked."""
 
 from dehyst.daemon.config.controller import Controller, load_config, load_controller
 from dehyst.daemon.config.file import parse_config

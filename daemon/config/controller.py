@@ -1,8 +1,9 @@
-"""A controller and its axes: one file, one clock, one amplifier, a Config for each axis.
+"""A controller and its axes: one file, one clock, one amplifier, and a Config for each axis.
 
-A file with [axis.x], [axis.y], ... has in each what is the axis' own: OWN. What stands beside them
-is for all axes: SHARED. The sections of an axis may stand at top level, too, as defaults: a table
-of the axis is laid over the shared one, key by key and table into table, so that
+In a file with [axis.x], [axis.y], ..., each axis table holds the sections of that axis (OWN).
+The sections in SHARED appear only at top level and apply to all axes. The sections of an axis may
+also appear at top level as defaults: the axis' table is merged over the shared one, recursively
+and key by key, so that
 
     [actuator]
     driver = "mdt693b"
@@ -10,10 +11,10 @@ of the axis is laid over the shared one, key by key and table into table, so tha
     [axis.x.actuator.settings]
     axis = "x"
 
-names the port once. A table that names another `driver` than the shared one stands alone. Shared
-`watch.directory`: each axis keeps its recordings in a folder of its own in there.
+names the port once. A table with a different `driver` from the shared one replaces it entirely.
+With a shared `watch.directory`, each axis keeps its recordings in its own subfolder there.
 
-A file without [axis] is one axis: its Config and its folder are as ever.
+A file without [axis] has one unnamed axis and no subfolders.
 """
 
 import os
@@ -43,11 +44,11 @@ AXIS_NAME = re.compile(r"[a-z0-9]{1,8}")
 
 @dataclass(frozen=True)
 class Controller:
-    """What one core process and one gateway process run.
+    """The axes that one core process and one gateway process serve.
 
-    name: of the controller, NAME; axes: each with its Config, whose name is NAME-AXIS, or NAME
-    where the file has no [axis]; directory: where the processes meet and hold their locks; an
-    axis' rings are in `Config.directory`, DIRECTORY/AXIS or, without [axis], the same.
+    name: the controller's name, NAME; axes: one Config each, named NAME-AXIS, or NAME if the file
+    has no [axis]; directory: run directory with the processes' locks. An axis' rings are in
+    `Config.directory`: DIRECTORY/AXIS, or DIRECTORY itself without [axis].
     """
 
     name: str
@@ -56,42 +57,42 @@ class Controller:
 
     @property
     def loop(self) -> LoopConfig:
-        """One clock for all axes."""
+        """[loop], shared by all axes: they have one clock."""
         return self.axes[0].loop
 
     @property
     def bus(self) -> BusConfig:
-        """One session for all axes."""
+        """[bus], shared by all axes: they have one session."""
         return self.axes[0].bus
 
     @property
     def telemetry(self) -> TelemetryConfig:
-        """The same for all axes."""
+        """[telemetry], shared by all axes."""
         return self.axes[0].telemetry
 
     @property
     def page(self) -> PageConfig | None:
-        """One page for all axes."""
+        """[page], shared by all axes; None if the file does not have it."""
         return self.axes[0].page
 
     @property
     def period_ns(self) -> int:
-        """Sampling period, integer nanoseconds."""
+        """Sampling period in integer nanoseconds."""
         return self.axes[0].period_ns
 
     @property
     def longest_ramp_s(self) -> float:
-        """How long the slowest axis may take to its safe voltage."""
+        """Longest time that any axis needs to ramp to its safe voltage [s]."""
         return max(config.longest_ramp_s for config in self.axes)
 
     @property
     def axis_names(self) -> tuple[str, ...]:
-        """The axes' names in the file's order; ("",) without [axis]."""
+        """The axes' names in the order of the file; ("",) without [axis]."""
         return tuple(config.axis for config in self.axes)
 
 
 def load_controller(path: str | Path) -> Controller:
-    """The controller of a file, and the Config of each of its axes. Raises BadInput."""
+    """Read a controller and the Config of each of its axes from a file. Raises BadInput."""
     path = Path(path)
     data = read_tables(path)
     if not isinstance(data.get("axis"), dict):
@@ -101,8 +102,8 @@ def load_controller(path: str | Path) -> Controller:
 
 
 def load_config(path: str | Path, axis: str = "") -> Config:
-    """The Config of one axis; paths relative to the file. axis: which, where there are several.
-    Raises BadInput, which names the axes that there are."""
+    """Read the Config of one axis; its paths are relative to the file. axis: its name, needed if
+    there are several. Raises BadInput, which lists the existing axes."""
     controller = load_controller(path)
     if not axis and len(controller.axes) == 1:
         return controller.axes[0]
@@ -148,7 +149,7 @@ def _axis(data: dict[str, Any], axis: str, directory: Path, path: Path) -> Confi
     merged = shared | {
         key: _laid_over(data.get(key), own.get(key)) for key in OWN if key in data or key in own
     }
-    checked_config(merged | {"axis": axis}, where)  # before names and folders are put in
+    checked_config(merged | {"axis": axis}, where)  # before adding names and folders
     merged |= {"name": f"{data['name']}-{axis}", "axis": axis}
     merged["run_dir"] = os.fspath(directory / axis)
     kept = data.get("watch", {}).get("directory", "")
@@ -158,7 +159,7 @@ def _axis(data: dict[str, Any], axis: str, directory: Path, path: Path) -> Confi
 
 
 def _laid_over(shared: Any, own: Any) -> Any:
-    """An axis' table over the shared one."""
+    """Merge an axis' table over the shared one."""
     if own is None or shared is None:
         return shared if own is None else own
     if not isinstance(shared, dict) or not isinstance(own, dict):

@@ -1,4 +1,4 @@
-"""The drives that a configuration and a model allow together."""
+"""The range of drives that a configuration and a model both allow."""
 
 from dehyst.daemon.config.sections import Config
 from dehyst.models.errors import BadInput
@@ -6,7 +6,8 @@ from dehyst.models.model import Model
 
 
 def drive_range(config: Config, model: Model) -> tuple[float, float]:
-    """Drives that both the limits and the model's validity allow [drive unit]."""
+    """Return the lowest and highest drive within both the limits and the model's validity
+    [drive unit]. Raises BadInput if the two ranges do not overlap."""
     gain, valid = config.actuator.gain, model.validity
     low = max(config.limits.min_v / gain, valid.drive_min)
     high = min(config.limits.max_v / gain, valid.drive_max)

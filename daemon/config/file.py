@@ -1,4 +1,4 @@
-"""From TOML text to a checked Config: one controller with one axis, or one axis of several."""
+"""Turn TOML text into a checked Config of one axis: the only one, or one of several."""
 
 import re
 from pathlib import Path
@@ -19,7 +19,7 @@ resolve_classes(Config)
 
 
 def read_tables(path: Path) -> dict[str, Any]:
-    """The tables of a configuration file. Raises BadInput."""
+    """Read the tables of a configuration file. Raises BadInput."""
     try:
         text = read_text(path, LARGEST_BYTES)
     except NotReadable as error:
@@ -28,7 +28,7 @@ def read_tables(path: Path) -> dict[str, Any]:
 
 
 def parse_config(text: str, where: str = "configuration") -> Config:
-    """Config from the TOML text of one axis. Raises BadInput naming the key."""
+    """Parse the TOML text of one axis. Raises BadInput naming the key."""
     data = _tables(text, where)
     if isinstance(data.get("axis"), dict):
         raise BadInput(f"{where}: it has several axes; choose one")
@@ -36,7 +36,7 @@ def parse_config(text: str, where: str = "configuration") -> Config:
 
 
 def checked_config(data: dict[str, Any], where: str) -> Config:
-    """Config from tables. Raises BadInput naming the key."""
+    """Convert tables to a Config and check it. Raises BadInput naming the key."""
     try:
         config = msgspec.convert(data, Config, strict=True)
     except msgspec.ValidationError as error:
@@ -47,7 +47,7 @@ def checked_config(data: dict[str, Any], where: str) -> Config:
 
 
 def resolved_config(config: Config, folder: Path) -> Config:
-    """The config with its paths relative to the folder of its file."""
+    """Return the config with its relative paths resolved against the folder of its file."""
     model = folder / config.model.file
     if model.exists():
         config = msgspec.structs.replace(config, model=ModelConfig(file=str(model.resolve())))
@@ -114,6 +114,6 @@ def _check(config: Config, where: str) -> None:
 
 
 def _resolved(section: Section, folder: Path, *keys: str) -> Section:
-    """The section with its paths relative to the configuration's folder."""
+    """Return the section with the paths in `keys` resolved against `folder`."""
     paths = {key: str(folder.resolve() / value) for key in keys if (value := getattr(section, key))}
     return msgspec.structs.replace(section, **paths)

@@ -1,5 +1,5 @@
-"""Every key of the configuration as the classes of dehyst.daemon.config.sections declare it:
-sections, types, defaults, and the sentences that stand below each key there."""
+"""List every configuration key as the classes in dehyst.daemon.config.sections declare it:
+section, type, default, and the docstring below the key."""
 
 import ast
 import inspect
@@ -14,13 +14,13 @@ from dehyst.daemon.config import sections
 from dehyst.drivers.settings import SettingKey, allowed_words, unit_in_name
 
 NOT_WRITTEN = ((sections.Config, "axis"),)
-"""What no file says: a daemon puts it in."""
+"""Keys that no file contains: the daemon sets them."""
 
 
 @dataclass(frozen=True)
 class ConfigSection:
-    """One table of the file. title: as in its brackets, "" for the top of the file; keys: without
-    those that are tables; needed: the file has to have it."""
+    """One table of the file. title: the text in its brackets, "" for the top of the file; keys:
+    all that are not tables; needed: the file must contain it."""
 
     title: str
     meaning: str
@@ -29,7 +29,7 @@ class ConfigSection:
 
 
 def list_config() -> list[ConfigSection]:
-    """Every section in the order of the file, with every key."""
+    """List every section in the order of the file, with every key."""
     return _sections("", sections.Config, needed=True)
 
 
@@ -66,7 +66,8 @@ def _is_table(kind: Any) -> bool:
 
 
 def _struct_of(kind: Any) -> type[msgspec.Struct] | None:
-    """The class of a section, alone, optional, or as the values of a table of sections."""
+    """Return the section class in a field's type: alone, optional, or as the values of a dict;
+    None if there is none."""
     for one in (kind, *get_args(kind)):
         if isinstance(one, type) and issubclass(one, msgspec.Struct):
             return one
@@ -75,8 +76,8 @@ def _struct_of(kind: Any) -> type[msgspec.Struct] | None:
 
 @cache
 def _sentences() -> dict[str, dict[str, str]]:
-    """By class: what stands below each key, and under "" what the class itself says. Classes that
-    are made from others have their keys too."""
+    """Return, by class name, the docstring below each key, and the class' own docstring under "".
+    Subclasses include the keys of their bases."""
     found: dict[str, dict[str, str]] = {}
     for node in ast.parse(inspect.getsource(sections)).body:
         if not isinstance(node, ast.ClassDef):

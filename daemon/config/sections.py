@@ -1,7 +1,8 @@
-"""The configuration's sections and keys, one class a section: the documentation's defaults.
+"""The configuration's sections and keys, one class per section.
 
-An unknown key, a missing key, a wrong type or a value outside its range is BadInput that names
-the key. `dehyst run --check FILE` prints what a file means.
+The reference documentation and the comments of `dehyst config init` come from the defaults and
+docstrings here. An unknown key, a missing key, a wrong type or a value outside its range raises
+BadInput, which names the key. `dehyst run --check FILE` prints what a file means.
 """
 
 import os
@@ -28,7 +29,7 @@ class ModelConfig(_Strict, frozen=True):
     """[model]"""
 
     file: str
-    """Path of the model file, relative to the configuration; or a shipped model's name."""
+    """Path of the model file, relative to the configuration; or the name of a shipped model."""
 
 
 class LoopConfig(_Strict, frozen=True):
@@ -42,9 +43,10 @@ class LoopConfig(_Strict, frozen=True):
     cpu: Annotated[int, Meta(ge=-1)] = -1
     """CPU to pin the loop to; -1: none."""
     engine: Literal["auto", "python", "compiled"] = "auto"
-    """"compiled": without the interpreter, for drivers that C can call; "auto": where possible."""
+    """"compiled": without the Python interpreter, for drivers that can be called from C; "auto":
+    compiled if possible, otherwise "python"."""
     spin_us: Annotated[float, Meta(ge=0, le=1000)] | None = None
-    """Time for which the compiled loop stays awake before each deadline, in microseconds, at most
+    """Time for which the compiled loop busy-waits before each deadline, in microseconds, at most
     half a period; default: 0 up to 2 kHz, 50 above."""
 
 
@@ -59,12 +61,12 @@ class ActuatorConfig(DeviceConfig, frozen=True):
     """[actuator]"""
 
     gain: Positive = 1.0
-    """Actuator volts per drive unit of the model: 15 for a model identified on the 0..10 V input
-    of an amplifier with gain 15 whose output voltage is set here."""
+    """Actuator volts per drive unit of the model, such as 15 for a model identified on the 0..10 V
+    input of an amplifier with gain 15 if the actuator sets the amplifier's output voltage."""
     readback_tolerance_v: NotNegative = 2.0
-    """If the unit can report its output: a report further from the set-point than this stops
-    the loop until they agree again. 0: the report is not requested (for example because an external
-    input is added to the output)."""
+    """Largest difference between the set output and the output that the unit reports, if it can; a
+    larger one stops the loop until they agree again. 0: the output is not read back (for example
+    because an external input is added to it)."""
 
 
 class SensorConfig(DeviceConfig, frozen=True):
@@ -77,17 +79,17 @@ class SensorConfig(DeviceConfig, frozen=True):
 
 
 class ChannelConfig(_Strict, frozen=True):
-    """[channels.NAME]: a quantity that blocks of the model follow, called NAME in the model: a
+    """[channels.NAME]: a quantity on which blocks of the model depend, called NAME in the model: a
     further sensor, such as a temperature (`driver`), or another axis of this amplifier (`axis`)."""
 
     driver: str = ""
     """Name of the sensor's driver."""
     settings: dict[str, Any] = {}
     axis: AxisName = ""
-    """Or the axis to follow, in the same sample."""
+    """Name of the other axis, whose value in the same sample is used."""
     quantity: Literal["displacement", "drive"] = "displacement"
-    """Quantity of that axis: its displacement from its model's zero (set-point and origin), in that
-    model's unit, or its drive in that model's drive unit."""
+    """Quantity of that axis: its displacement from its model's zero (set-point plus origin), in
+    that model's unit, or its drive, in that model's drive unit."""
     scale: float = 1.0
     """The model's channel unit per unit of the sensor or axis."""
     zero: float = 0.0
@@ -97,7 +99,7 @@ class ChannelConfig(_Strict, frozen=True):
 
 
 class LimitsConfig(_Strict, frozen=True):
-    """[limits], in actuator volts. The daemon enforces these in addition to the unit's limits."""
+    """[limits], in actuator volts. The daemon enforces these in addition to the unit's own."""
 
     min_v: float
     max_v: float
@@ -111,9 +113,9 @@ class SafeConfig(_Strict, frozen=True):
     voltage_v: float = 0.0
     ramp_v_per_s: Positive = 50.0
     on_stop: Literal["ramp", "hold"] = "ramp"
-    """At the end of the daemon: ramp to voltage_v, or leave the output where it is."""
+    """When the daemon ends: ramp to voltage_v, or leave the output as it is."""
     on_fault: Literal["ramp", "hold"] = "hold"
-    """After a fault has ended, and after the loop's process has died."""
+    """The same after a fault has ended, and after the loop's process has died."""
 
 
 class SetpointConfig(_Strict, frozen=True):
@@ -125,17 +127,18 @@ class SetpointConfig(_Strict, frozen=True):
     lies in the reachable range or next to it, otherwise "mid-range" (the sensor has an arbitrary
     offset). Telemetry uses the same origin."""
     stale_s: Positive = 2.0
-    """The loop holds after this time without a new set-point, or after a trajectory has run dry."""
+    """The loop holds if there is no new set-point for this time, or no next point of a
+    trajectory."""
     hold_s: NotNegative = 5.0
     """Time for which the loop holds before the output ramps to the safe voltage."""
     stay: bool = False
-    """true: a client may ask the daemon to keep a position until another command, also after the
-    client has disconnected (`dehyst send --stay`). The default is false, so that a dead client
-    never leaves a voltage on an unattended stage."""
+    """true: a client may ask the daemon to keep a position until the next command, even after the
+    client has disconnected (`dehyst send --stay`). The default is false, so that a client that has
+    died never leaves a voltage on an unattended stage."""
     approach_um_per_s: Positive = 20.0
-    """Speed at which the stage moves to a trajectory's first point."""
+    """Speed of the move to a trajectory's first point."""
     queue_s: Annotated[float, Meta(gt=0, le=600)] = 30.0
-    """Largest queue of trajectory points that the daemon accepts."""
+    """Longest queue of trajectory points that the daemon accepts."""
     lease_s: Annotated[float, Meta(ge=0.5, le=60)] = 3.0
     """One client commands at a time; its lease ends this long after its last command."""
 
@@ -144,8 +147,8 @@ class InverseConfig(_Strict, frozen=True):
     """[inverse]"""
 
     mode: Literal["auto", "static", "causal", "preview"] = "auto"
-    """"auto": preview if the model needs it and preview_s provides targets ahead, otherwise static;
-    "causal" extrapolates instead, without the guarantees of the other modes."""
+    """"auto": "preview" if the model needs it and preview_s provides future targets, otherwise
+    "static". "causal" extrapolates instead, without the guarantees of the other modes."""
     preview_s: Annotated[float, Meta(ge=0, le=1)] = 0.1
 
 
@@ -153,20 +156,21 @@ class TrimConfig(_Strict, frozen=True):
     """[trim]: the gauge corrects the target slowly, so that the mean position is correct."""
 
     enabled: bool = True
-    """false: feed-forward alone; the gauge is only recorded and monitored."""
+    """false: feed-forward only; the gauge is still recorded and monitored."""
     time_constant_s: Positive | None = None
     """Time constant of the integral correction; default: 0.3 s, longer for a slow gauge. Refused if
     the gauge's lag and delay make it unstable."""
     limit_um: Positive | None = None
-    """Largest correction, in the model's displacement unit; default: a tenth of the reach."""
+    """Largest correction, in the model's displacement unit; default: a tenth of the reachable
+    range."""
     rate_um_per_s: Positive | None = None
-    """Fastest correction; default: a fiftieth of the reach per second."""
+    """Largest rate of the correction; default: a fiftieth of the reachable range per second."""
 
 
 class AuthConfig(_Strict, frozen=True):
-    """[bus.auth]: who may connect (needed to listen beyond loopback); or, with `credentials`, the
-    daemon's identity at a router that enforces the roles. Names are user names, or the common names
-    of certificates."""
+    """[bus.auth]: who may connect (needed to listen on other addresses than loopback); or, with
+    `credentials`, the daemon's identity at a router that enforces the roles. Names are user names
+    or the common names of certificates."""
 
     operators: tuple[str, ...] = ()
     """May command and observe."""
@@ -175,20 +179,21 @@ class AuthConfig(_Strict, frozen=True):
     passwords: str = ""
     """File of name:password lines, readable only by the daemon; relative to the configuration."""
     certificates: str = ""
-    """Or a directory with ca.pem, certificate.pem and key.pem (made by `dehyst keys`)."""
+    """Alternatively, a directory with ca.pem, certificate.pem and key.pem (made by `dehyst
+    keys`)."""
     credentials: str = ""
-    """Or the daemon's own credentials at a router: such a directory, or a file with one line
-    name:password. Needed for a router on the network."""
+    """Alternatively, the daemon's own credentials at a router: such a directory, or a file with one
+    line name:password. Needed for a router on the network."""
 
 
 class BusConfig(_Strict, frozen=True):
     """[bus]: zenoh, on loopback only unless `listen` or `connect` name other addresses."""
 
     base: Annotated[str, Meta(pattern=r"^[a-z0-9_-]+(/[a-z0-9_-]+)*$")] = "dehyst"
-    """First chunks of every key."""
+    """Prefix of every key."""
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     connect: tuple[str, ...] = ()
-    """Routers through which clients also find this daemon, or, with `listen = []`, only there."""
+    """Routers through which clients also find this daemon; with `listen = []`, the only ones."""
     auth: AuthConfig | None = None
 
 
@@ -196,9 +201,9 @@ class TelemetryConfig(_Strict, frozen=True):
     """[telemetry]"""
 
     batch_s: Annotated[float, Meta(gt=0, le=1)] = 0.02
-    """Samples are published in batches of this length."""
+    """Duration of a published batch of samples."""
     history_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0
-    """Length of the telemetry history that clients can query."""
+    """Duration of the telemetry history that clients can query."""
 
 
 class WatchConfig(_Strict, frozen=True):
@@ -208,13 +213,13 @@ class WatchConfig(_Strict, frozen=True):
     directory: str = ""
     """Folder for the recordings around a mismatch; default: `mismatch` in the run directory."""
     before_s: Annotated[float, Meta(ge=1, le=3600)] = 30.0
-    """Recorded time before the event, up to telemetry.history_s."""
+    """Recorded time before the mismatch, at most telemetry.history_s."""
     after_s: Annotated[float, Meta(ge=0, le=600)] = 10.0
     keep: Annotated[int, Meta(ge=1, le=1000)] = 10
-    """Number of recordings; the oldest are deleted."""
+    """Number of recordings to keep; the oldest are deleted."""
     learn_s: Annotated[float, Meta(ge=30, le=36000)] = 400.0
-    """Seconds of motion from which the watch learns before its first flag. A shorter time flags
-    sooner, with more false flags."""
+    """Seconds of motion from which the monitor learns before it first flags a mismatch. A shorter
+    time gives earlier flags, but more false ones."""
 
 
 class DoctorConfig(_Strict, frozen=True):
@@ -223,33 +228,34 @@ class DoctorConfig(_Strict, frozen=True):
     enabled: bool = True
     """false: `dehyst run` does not start the doctor."""
     accept: bool = False
-    """true: an offered model is accepted automatically, on trial as usual."""
+    """true: an offered model is accepted automatically, for the usual trial."""
     test_s: Annotated[float, Meta(ge=2, le=600)] = 10.0
-    """Length of the later telemetry on which an offer is tested."""
+    """Duration of the held-out, later telemetry on which an offered model is tested."""
     trial_s: Annotated[float, Meta(ge=2, le=3600)] = 10.0
-    """Seconds of motion within which the error must fall; otherwise the previous model returns."""
+    """Seconds of motion within which the error must fall; otherwise the previous model is
+    restored."""
     trial_limit_s: Annotated[float, Meta(ge=2, le=864000)] | None = None
-    """A trial ends after this time [s], with or without motion, with the result so far; default:
-    30 times trial_s, at least 300 s."""
+    """A trial ends after this time [s], with or without motion, and is judged by its result so far;
+    default: 30 times trial_s, at least 300 s."""
     memory_gb: Annotated[float, Meta(ge=1, le=64)] = 4.0
     time_s: Annotated[float, Meta(ge=10, le=36000)] = 900.0
-    """A diagnosis that takes more memory or processor time is stopped; so is one that is not done
-    after six times this time because other processes use the processors."""
+    """A diagnosis that needs more memory or processor time is stopped, as is one that has not
+    finished after six times this time because other processes use the processors."""
 
 
 class PageConfig(_Strict, frozen=True):
-    """[page]: with this section in the file, `dehyst run` also serves the page in a browser."""
+    """[page]: with this section, `dehyst run` also serves a web page."""
 
     listen: str = "127.0.0.1:8080"
-    """HOST:PORT. Beyond loopback only with certificate, key and passwords."""
+    """HOST:PORT. Other addresses than loopback need certificate, key and passwords."""
     public_url: str = ""
-    """The address that people type, if a reverse proxy on this machine serves the page, such as
-    https://lab.example/stage/. Beyond loopback only with https and passwords."""
+    """The address that people type, such as https://lab.example/stage/, if a reverse proxy on this
+    machine serves the page. Other addresses than loopback need https and passwords."""
     certificate: str = ""
     """PEM file for TLS; all paths are relative to the configuration."""
     key: str = ""
     passwords: str = ""
-    """File of name:password lines, readable only by the daemon; without it everybody on this
+    """File of name:password lines, readable only by the daemon; without it, everybody on this
     machine may command."""
     operators: tuple[str, ...] = ()
     """May view and command."""
@@ -258,9 +264,9 @@ class PageConfig(_Strict, frozen=True):
     observe: bool = False
     """true: nobody may command from the page."""
     connect: tuple[str, ...] = ()
-    """Addresses of the controllers; default: the daemon's own address."""
+    """Addresses of the controllers; default: this daemon's own address."""
     credentials: str = ""
-    """Credentials of the page there, as --credentials of any client."""
+    """The page's credentials there, in the form of a client's --credentials."""
 
 
 class Config(_Strict, frozen=True):
@@ -284,36 +290,36 @@ class Config(_Strict, frozen=True):
     doctor: DoctorConfig = DoctorConfig()
     page: PageConfig | None = None
     axis: AxisName = ""
-    """What a daemon of several axes says of one of them: which. In a file it is left out."""
+    """Name of the axis, set by the daemon if the controller has several. A file omits it."""
     run_dir: str = ""
     """Private directory of the memory-mapped rings; default: `dehyst-NAME` in $RUNTIME_DIRECTORY or
     $XDG_RUNTIME_DIR, otherwise `dehyst-USER-NAME` in the temporary directory."""
 
     @property
     def period_ns(self) -> int:
-        """Sampling period, integer nanoseconds."""
+        """Sampling period in integer nanoseconds."""
         return round(1e9 / self.loop.rate_hz)
 
     @property
     def watch_directory(self) -> Path:
-        """Where recordings around a mismatch are kept, and what the doctor makes of them."""
+        """Folder of the recordings around a mismatch and of the doctor's results."""
         return Path(self.watch.directory) if self.watch.directory else self.directory / "mismatch"
 
     @property
     def longest_ramp_s(self) -> float:
-        """How long the output may take to its safe voltage at the configured rate."""
+        """Longest time for the output to reach its safe voltage at the configured rate [s]."""
         limits, safe = self.limits, self.safe
         way_v = max(limits.max_v - safe.voltage_v, safe.voltage_v - limits.min_v)
         return way_v / safe.ramp_v_per_s
 
     @property
     def directory(self) -> Path:
-        """Where core and gateway meet."""
+        """Run directory, shared by core and gateway."""
         return run_directory(self.name, self.run_dir)
 
 
 def usable_name(text: str) -> str:
-    """That text as a controller's name, in lower case; "": it cannot be one."""
+    """Return the text in lower case as a controller's name, or "" if it is not a valid name."""
     try:
         return msgspec.convert(text.lower(), Name)
     except msgspec.ValidationError:
@@ -321,7 +327,8 @@ def usable_name(text: str) -> str:
 
 
 def run_directory(name: str, run_dir: str) -> Path:
-    """The folder of a controller's rings; run_dir: as configured, "" for the default."""
+    """Return the folder of a controller's rings. run_dir: the configured one, "" for the
+    default."""
     if run_dir:
         return Path(run_dir)
     base = os.environ.get("RUNTIME_DIRECTORY") or os.environ.get("XDG_RUNTIME_DIR")

@@ -1,5 +1,5 @@
-"""A configuration with comments: what is given as keys, everything else as its default behind a
-comment sign, so that the file shows all that can be said in it."""
+"""Write a configuration with comments: given values as keys, every other key commented out with its
+default, so that the file shows every key there is."""
 
 import json
 import math
@@ -15,20 +15,21 @@ from dehyst.models.errors import BadInput
 
 WIDTH = 100
 SLEW_SPANS = 20.0
-"""Slew limit where none is given, in ranges a second."""
+"""Default slew limit, in voltage ranges per second."""
 DEFAULTS = SafeConfig()
 PLAIN = ("a number", "a string", "a string that is not empty", "a list of strings", "true or false")
-"""What a default shows well enough."""
+"""Types that are omitted from the comment, because the default shows them well enough."""
 HEAD = """\
 # The configuration of one controller. Lines that begin with # show the defaults.
 # `dehyst run --check FILE` prints what the file means; an unknown key is an error.
 """
 Given = Mapping[str, Mapping[str, Any]]
-"""Values by section and key; "" is the top of the file, `settings` of a device a table."""
+"""Values by section and key. "" is the top of the file; a device's `settings` is a table."""
 
 
 def check_range(low: float, high: float, slew: float | None) -> None:
-    """BadInput where the limits that were given cannot be a stage's."""
+    """Raise BadInput if the range is empty, not finite or reversed, or the slew rate not
+    positive."""
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise BadInput(
             f"--range {low:g} {high:g}: give the lowest voltage first, then the highest, in V"
@@ -38,7 +39,8 @@ def check_range(low: float, high: float, slew: float | None) -> None:
 
 
 def limits_within(low: float, high: float, slew: float) -> dict[str, dict[str, float]]:
-    """The sections [limits] and [safe]; its defaults, 0 V at 50 V/s, may lie outside."""
+    """Return the sections [limits] and [safe]; the defaults of [safe], 0 V at 50 V/s, are clipped
+    to the limits."""
     return {
         "limits": {"min_v": low, "max_v": high, "slew_v_per_s": slew},
         "safe": {
@@ -49,7 +51,7 @@ def limits_within(low: float, high: float, slew: float) -> dict[str, dict[str, f
 
 
 def write_commented(given: Given) -> str:
-    """The text of the file. Raises DriverConfigError where a driver does not exist."""
+    """Return the text of the file. Raises DriverConfigError if a driver does not exist."""
     top, *sections = list_config()
     text = [HEAD, *_keys(top, given.get("", {}))]
     for section in sections:
@@ -95,7 +97,7 @@ def _key(key: SettingKey, values: Mapping[str, Any]) -> list[str]:
 
 
 def _pair(name: str, value: Any) -> str:
-    return f"{name} = {json.dumps(value, ensure_ascii=False)}"  # of such values TOML's own form
+    return f"{name} = {json.dumps(value, ensure_ascii=False)}"  # valid TOML for these values
 
 
 def _comment(text: str) -> list[str]:
