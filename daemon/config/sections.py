@@ -64,9 +64,9 @@ class ActuatorConfig(DeviceConfig, frozen=True):
     """Actuator volts per drive unit of the model, such as 15 for a model identified on the 0..10 V
     input of an amplifier with gain 15 if the actuator sets the amplifier's output voltage."""
     readback_tolerance_v: NotNegative = 2.0
-    """Largest difference between the set output and the output that the unit reports, if it can; a
-    larger one stops the loop until they agree again. 0: the output is not read back (for example
-    because an external input is added to it)."""
+    """Largest allowed difference between the output that was set and the output that the unit
+    reports, if it can; a larger one stops the loop until they agree again. 0: the output is not
+    read back (for example because an external input is added to it)."""
 
 
 class SensorConfig(DeviceConfig, frozen=True):

@@ -1,1 +1,1 @@
-"""What keeps the processes alive and the output safe: supervisor, heartbeat, safe state."""
+"""Keep the processes alive and the output safe: supervisor, heartbeat, safe state."""

@@ -1,4 +1,4 @@
-"""What a child process gives itself before it computes: lowest priority, bounded memory."""
+"""Limit a child process before it computes: lowest priority, bounded memory."""
 
 import os
 
@@ -7,7 +7,7 @@ from dehyst.drivers import system
 
 
 def take_bounds(memory_bytes: int) -> None:
-    """Idle priority, so much address space, no core dump; dies with its parent."""
+    """Run at idle priority, with this much address space and no core dump; die with the parent."""
     os.environ["DEHYST_SUPERVISED"] = "1"
     realtime.die_with_parent(system.kill_signal())
     system.lowest_priority()

@@ -1,4 +1,4 @@
-"""What the devices of a configuration say of themselves, each opened as the daemon opens it."""
+"""Report what the devices of a configuration say about themselves, opened as the daemon does."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -15,8 +15,9 @@ NUMBERS = ("minimum", "maximum", "resolution", "max_rate_hz", "latency_s", "late
 
 
 def report_devices(config: Config) -> dict[str, dict[str, Any]]:
-    """By "actuator" and "sensor": the driver, the numbers of its DeviceSpec, whether the compiled
-    loop can call it, and where it stands. Nothing moves. Raises DriverError, BadInput."""
+    """Return for "actuator" and "sensor" the driver, the numbers of its DeviceSpec, whether the
+    compiled loop can call it, and its present output or reading. Moves nothing. Raises
+    DriverError, BadInput."""
     actuator, sensor = devices_of(config)
     found = {}
     for which, driver, device in (
@@ -34,7 +35,7 @@ def report_devices(config: Config) -> dict[str, dict[str, Any]]:
                 "identity": spec["identity"],
                 "unit": spec["unit"],
                 **{name: spec[name] for name in NUMBERS},
-                "stands_at": stands if stands == stands else None,  # NaN has no place in JSON
+                "stands_at": stands if stands == stands else None,  # JSON has no NaN
                 "stands_at_is_known": spec["output_known"],
                 "compiled": compiled,
             }
@@ -44,7 +45,7 @@ def report_devices(config: Config) -> dict[str, dict[str, Any]]:
 
 
 def lines_of(which: str, device: Mapping[str, Any]) -> list[str]:
-    """The same for people."""
+    """Format the report of one device (see report_devices) as lines of text."""
     unit, at = UNITS.get(device["unit"], device["unit"]), device["stands_at"]
     stands = "no valid reading" if at is None else f"{at:.6g} {unit}"
     if not device["stands_at_is_known"]:

@@ -1,4 +1,4 @@
-"""What the loop's process has to say, for the supervisor's own words: from the rings of events."""
+"""Print the events of the loop's process, read from the event rings, in the supervisor's log."""
 
 from collections.abc import Callable
 from datetime import datetime
@@ -10,7 +10,7 @@ from dehyst.models.errors import BadInput
 
 
 class EventLog:
-    """Says the events of one axis, each once."""
+    """Reports the events of one axis, each once."""
 
     def __init__(self, config: Config, say: Callable[[str], None]) -> None:
         self._path, self._say = config.directory / "event.ring", say
@@ -19,7 +19,7 @@ class EventLog:
         self._reported = 0
 
     def log_new(self, pid: int) -> None:
-        """Say what this process' loop has written since the last time."""
+        """Report the events that this process' loop has written since the last call."""
         try:
             if self._ring is None or self._ring.stale():
                 if self._ring is not None:
@@ -30,7 +30,7 @@ class EventLog:
                 return
             records, self._reported = self._ring.read(self._reported)
         except BadInput:
-            return  # no loop yet, or its ring is damaged, which it mends itself
+            return  # no loop yet, or its ring is damaged; the loop repairs it
         for record in records:
             when = datetime.fromtimestamp(int(record["wall_ns"]) * 1e-9)
             text = bytes(record["text"]).decode("utf-8", "replace")

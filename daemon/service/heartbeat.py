@@ -1,10 +1,10 @@
-"""Whether core and gateway still move, seen from the rings: for the supervisor.
+"""Detect from the rings whether core and gateway are alive, for the supervisor.
 
-The core writes a sample a period in every state; the gateway takes telemetry every few
-milliseconds. A process that stands still for so long while the one who looks does not is hanging:
-stopped, deadlocked, or stuck in a system call. Only rings of the very process that was started
-count, and a process that has not begun to move yet is starting, which takes as long as kernels
-take to be compiled.
+In every state the core writes one sample per period, and the gateway takes telemetry every few
+milliseconds. A process that makes no progress for its time limit while the supervisor itself runs
+is hanging: stopped, deadlocked, or stuck in a system call. Only the rings of the process that was
+started count. A process without any progress yet is still starting and gets START_S, because its
+kernels may have to be compiled first.
 """
 
 from collections.abc import Sequence
@@ -17,12 +17,13 @@ from dehyst.models.errors import BadInput
 
 CORE_HANG_S, GATEWAY_HANG_S, START_S = 10.0, 20.0, 300.0
 LONGEST_LOOK_S = 1.0
-"""More than this between two looks is not counted: then the machine stood still."""
+"""Longest time counted between two looks; if more has passed, the machine itself was stopped."""
 
 
 @dataclass
 class _Watched:
-    """moves: it has moved since it was started; still_s: time since it last did."""
+    """One process. moves: it has made progress since its start; still_s: time since the last
+    progress [s]; limit_s: time without progress after which it hangs [s]."""
 
     limit_s: float
     moves: bool = False
@@ -38,7 +39,8 @@ class _Watched:
 
 
 class Heartbeat:
-    """Looks at the telemetry ring in `directory`; say which processes were started."""
+    """Watches the telemetry ring in `directory`. Call core_started and gateway_started whenever
+    one of the processes is started."""
 
     def __init__(
         self,
@@ -54,28 +56,28 @@ class Heartbeat:
         self.gateway_started()
 
     def core_started(self, pid: int) -> None:
-        """The core is this process now; what others wrote does not count."""
+        """Note that the core is this process now; records of other processes do not count."""
         self._pid, self._head = pid, 0
         self.core = _Watched(self._limits_s[0])
 
     def gateway_started(self) -> None:
-        """The gateway was started anew."""
+        """Note that the gateway was started again."""
         self.gateway, self._tail = _Watched(self._limits_s[1]), -1
 
     def look(self, now_ns: int) -> None:
-        """Judge both anew; about twice a second."""
+        """Check both processes for progress; call it a few times a second."""
         passed_s = min((now_ns - self._looked_ns) * 1e-9, LONGEST_LOOK_S)
         self._looked_ns = now_ns
         head, tail = self._place()
         wrote = head != self._head
         self.core.look(wrote, passed_s)
         took = self._tail >= 0 and tail != self._tail
-        # it may stand still where there is nothing to take
+        # the gateway need not make progress while there is nothing to take
         self.gateway.look(took, passed_s if wrote and tail != head else 0.0)
         self._head, self._tail = head, tail
 
     def _place(self) -> tuple[int, int]:
-        """(head, tail) of the core's own ring; (0, 0) where it has none (yet)."""
+        """Return (head, tail) of the core's own ring; the last known ones if it has none (yet)."""
         try:
             if self._ring is None or self._ring.stale():
                 if self._ring is not None:
@@ -91,43 +93,44 @@ class Heartbeat:
 
 
 class Heartbeats:
-    """One core that writes the rings of all axes, one gateway that takes them all: each moves when
-    it does at every axis, and hangs when it does at one. directories: of the rings."""
+    """Watches one core that writes the rings of all axes and one gateway that reads them all. A
+    process moves if it does so on every axis, and hangs if it does so on any. directories: the
+    axes' ring folders."""
 
     def __init__(self, directories: Sequence[Path]) -> None:
         self._axes = [Heartbeat(directory) for directory in directories]
 
     def core_started(self, pid: int) -> None:
-        """The core is this process now."""
+        """Note that the core is this process now."""
         for axis in self._axes:
             axis.core_started(pid)
 
     def gateway_started(self) -> None:
-        """The gateway was started anew."""
+        """Note that the gateway was started again."""
         for axis in self._axes:
             axis.gateway_started()
 
     def look(self, now_ns: int) -> None:
-        """Judge all anew; about twice a second."""
+        """Check all axes for progress; call it a few times a second."""
         for axis in self._axes:
             axis.look(now_ns)
 
     @property
     def core_moves(self) -> bool:
-        """It has written a sample of every axis since it was started."""
+        """True if the core has written a sample of every axis since its start."""
         return all(axis.core.moves for axis in self._axes)
 
     @property
     def core_hangs(self) -> bool:
-        """It has written nothing of one axis for too long."""
+        """True if the core has written no sample of some axis for too long."""
         return any(axis.core.hangs for axis in self._axes)
 
     @property
     def gateway_moves(self) -> bool:
-        """It has taken samples of every axis since it was started."""
+        """True if the gateway has taken samples of every axis since its start."""
         return all(axis.gateway.moves for axis in self._axes)
 
     @property
     def gateway_hangs(self) -> bool:
-        """It has not taken what there is of one axis for too long."""
+        """True if the gateway has left the samples of some axis in the ring for too long."""
         return any(axis.gateway.hangs for axis in self._axes)

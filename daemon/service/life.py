@@ -1,17 +1,17 @@
-"""What the supervisor does with the loop's process: one table of states, and nothing else.
+"""The supervisor's state machine for the loop's process, as one table.
 
-    starting   the process begins; no sample of its own yet
-    beating    samples come
-    ending     it was asked to end and ramps
-    saving     it is gone: `dehyst safe` brings the output to its safe state
-    unsafe     `dehyst safe` has failed: it is tried again, nothing is started before
-    waiting    the output is safe: the process is started again when its pause is over
+    starting   the process has been started and has written no sample yet
+    beating    the process writes samples
+    ending     the process was asked to end and ramps the output
+    saving     the process is gone: `dehyst safe` brings the output to its safe state
+    unsafe     `dehyst safe` has failed: it is tried again before anything else is started
+    waiting    the output is safe: the process is started again after its pause
     last       as saving, but nothing is started afterwards
     over       the supervisor ends
 
-An event that a state does not list ("-") changes nothing there. `still`: no sample (or no end)
-within the time that this state allows; what stands still is killed first. `refused`: the process
-ended with 2 before any ever gave a sample, and has said why.
+"-": the event changes nothing in that state. `still`: no sample (or no end) within the time that
+the state allows; the hanging process is killed first. `refused`: the process exited with code 2,
+having said why, before any process ever wrote a sample.
 """
 
 from enum import StrEnum
@@ -30,7 +30,7 @@ over      -        -        -        -        -        -        -        -      
 
 
 class Life(StrEnum):
-    """States of the loop's process, as the supervisor knows it."""
+    """States of the loop's process as the supervisor sees it."""
 
     STARTING = "starting"
     BEATING = "beating"
@@ -43,7 +43,7 @@ class Life(StrEnum):
 
 
 class LifeEvent(StrEnum):
-    """What the supervisor sees."""
+    """Events that the supervisor observes."""
 
     SAMPLE = "sample"
     STILL = "still"
@@ -66,4 +66,4 @@ def _parse(table: str) -> dict[tuple[Life, LifeEvent], Life]:
 
 
 NEXT: dict[tuple[Life, LifeEvent], Life] = _parse(TABLE)
-"""(state, event) -> state; complete."""
+"""(state, event) -> next state, for every pair."""

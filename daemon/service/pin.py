@@ -1,4 +1,4 @@
-"""Which unit a configuration means: learned from what is plugged in now. Moves nothing."""
+"""Record which units a configuration refers to: those that are plugged in now. Moves nothing."""
 
 import re
 from pathlib import Path
@@ -17,8 +17,8 @@ LOADERS: dict[str, Any] = {ACTUATOR: load_actuator, SENSOR: load_sensor}
 
 
 def look_at_unit(which: str, driver: str, settings: dict[str, Any]) -> UnitIdentity | None:
-    """Which unit answers, whatever serial number the settings want; None: it cannot tell. which:
-    ACTUATOR or SENSOR. Raises DriverError."""
+    """Return the identity of the unit that answers, ignoring the serial number in the settings;
+    None if the driver cannot identify units. which: ACTUATOR or SENSOR. Raises DriverError."""
     anyone = {key: value for key, value in settings.items() if key != SERIAL}
     device = LOADERS[which](driver).from_settings(anyone)
     try:
@@ -29,8 +29,9 @@ def look_at_unit(which: str, driver: str, settings: dict[str, Any]) -> UnitIdent
 
 
 def pin_units(controller: Controller, path: Path) -> list[str]:
-    """Take the units that are plugged in for those of this configuration; what was done, in words.
-    A serial number in the file is replaced. Raises InUse while the daemon runs, DriverError."""
+    """Accept the units that are plugged in as those of this configuration; return what was done,
+    as lines of text. A serial number in the file is replaced. Raises InUse while the daemon runs,
+    DriverError, and BadInput if the file cannot be changed."""
     said: list[str] = []
     with run_folder.at_work(controller.directory, run_folder.OUTPUT, "config pin", path):
         for config in controller.axes:
@@ -55,7 +56,7 @@ def _pin(config: Config, path: Path) -> list[str]:
         elif wanted is None and unit.serial:
             said.append(f'to keep it: {which}.settings: {SERIAL} = "{unit.serial}"')
     write_units(config, units)
-    # where another unit was left says nothing about this one
+    # the last output of another unit says nothing about this one
     (config.directory / "telemetry.ring").unlink(missing_ok=True)
     return said
 
@@ -73,8 +74,8 @@ def _replace_serial(path: Path, old: str, new: str) -> None:
 
 
 def with_serial(which: str, driver: str, settings: dict[str, Any]) -> dict[str, Any]:
-    """The settings with the serial number of the unit that is reachable now; as they are where none
-    is, or it has none."""
+    """Return the settings with the serial number of the unit that is reachable now; unchanged if
+    they contain one, or if there is no such unit or it has no serial number."""
     if SERIAL in settings:
         return settings
     try:

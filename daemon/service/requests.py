@@ -1,9 +1,9 @@
-"""Signals to the loop's process: its first act is to take them, its last to have served them.
+"""Handle the signals to the loop's process, from its first action to its last.
 
-SIGTERM and SIGINT: end, as safe.on_stop says; before the loop runs they end the process at once,
-nothing has moved yet. SIGHUP: load the model file again, in one thread, one at a time: of many that
-come meanwhile the last one counts, and the next is served a while later, so that a storm of them
-takes no more of the machine than a few.
+SIGTERM and SIGINT end the process as safe.on_stop says; before the loop runs they end it at once,
+because nothing has moved yet. SIGHUP reloads the model file, in one thread and one at a time.
+Signals that arrive during a reload are merged into one, which is served after a pause of REST_S,
+so that a flood of signals costs no more than a few.
 """
 
 import signal
@@ -20,16 +20,16 @@ from dehyst.daemon.loop.timing import realtime
 REST_S = 1.0
 NOT_MOVED = 0
 AGAIN_S = 0.01
-"""Until a lost exit is raised again: longer than a callback takes, shorter than anybody notices."""
+"""Delay before a lost exit is raised again: longer than a callback, too short to be noticed."""
 
 
 class Requests:
-    """Takes the signals from when it is made; `serve` says what is to be done about them."""
+    """Handles the signals from its construction on; `serve` sets what they do."""
 
     def __init__(self, rest_s: float = REST_S) -> None:
         self._stop: Callable[[], None] | None = None
         self._ended = False  # before the loop ran
-        self._reloads: SimpleQueue[None] = SimpleQueue()  # its put may be called in a handler
+        self._reloads: SimpleQueue[None] = SimpleQueue()  # put is safe in a signal handler
         self._rest_s = rest_s
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_stop)
@@ -37,8 +37,9 @@ class Requests:
 
     @contextmanager
     def before_the_loop(self) -> Iterator[None]:
-        """Around all that the process does: asked to end while numba compiles, which makes errors
-        of its own of the exit or loses it, it ends as at any other time before the loop runs."""
+        """Wrap everything that the process does. If it is asked to end while numba compiles, numba
+        may lose the exit or turn it into another error; the process then still ends as at any
+        other time before the loop runs."""
         before, sys.unraisablehook = sys.unraisablehook, self._report_unless_ended
         try:
             yield
@@ -47,12 +48,13 @@ class Requests:
                 raise SystemExit(NOT_MOVED) from None
             raise
         finally:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)  # what it would raise has come
+            signal.setitimer(signal.ITIMER_REAL, 0.0)  # the exit has been raised by now
             sys.unraisablehook = before
 
     def serve(self, stop: Callable[[], None], reload: Callable[[], None]) -> None:
-        """The loop runs: stop() is called in the handler, reload() in a thread of its own. Not
-        where it was asked to end before, and what ran then has swallowed the exit."""
+        """Serve the signals while the loop runs: stop() is called in the handler, reload() in its
+        own thread. Raises SystemExit if the process was asked to end before and the exit was
+        swallowed."""
         self._stop = stop
         if self._ended:
             raise SystemExit(NOT_MOVED)
@@ -60,8 +62,8 @@ class Requests:
         thread.start()
 
     def _report_unless_ended(self, lost: "sys.UnraisableHookArgs") -> None:
-        """An exit that a callback of LLVM cannot pass on is raised again a moment later: compiling
-        goes on for a minute."""
+        """Raise an exit again a moment later if an LLVM callback could not propagate it; otherwise
+        compilation would continue for a minute."""
         if self._ended and isinstance(lost.exc_value, SystemExit):
             signal.signal(signal.SIGALRM, self._on_stop)
             signal.setitimer(signal.ITIMER_REAL, AGAIN_S)

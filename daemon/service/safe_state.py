@@ -1,4 +1,4 @@
-"""Bring the outputs to their configured state without the loop: after the core's death."""
+"""Bring the outputs to their configured safe state without the loop, after the core has died."""
 
 import math
 import sys
@@ -16,18 +16,19 @@ SHORTEST_PERIOD_S = 0.005
 SPARE_S = 15.0
 TRY_AGAIN_S, PAUSE_S = 5.0, 0.5
 PASSING = (DeviceGone, DeviceNotFound, DeviceTimeout, ProtocolError)
-"""What may be over at the next attempt: a reply cut off, a port that its last holder still has."""
+"""Errors that may have passed at the next attempt: a truncated reply, a port that its last user
+still holds."""
 
 
 class _Output:
-    """One axis' output on its way. volts: where it stands; goal: where it goes."""
+    """One axis' output during its ramp. volts: present output; goal: final output [V]."""
 
     def __init__(self, config: Config) -> None:
         self.config = config
         actuator = load_actuator(config.actuator.driver).from_settings(config.actuator.settings)
         try:
             expect_known(config, ACTUATOR, actuator)
-        except BadInput as error:  # a bad folder keeps no output from its safe state
+        except BadInput as error:  # a bad folder must not keep an output from its safe state
             print(f"dehyst safe: {error}", file=sys.stderr)
         actuator.open()
         self.link = DeviceLink("actuator", actuator)
@@ -43,11 +44,11 @@ class _Output:
 
     @property
     def left_s(self) -> float:
-        """How long its ramp still takes."""
+        """Remaining duration of the ramp [s]."""
         return abs(self.goal - self.volts) / self.config.safe.ramp_v_per_s
 
     def step(self, period_s: float) -> None:
-        """The next step of the ramp."""
+        """Write the next step of the ramp."""
         way = self.goal - self.volts
         if way:
             most = self.config.safe.ramp_v_per_s * period_s
@@ -56,11 +57,12 @@ class _Output:
 
 
 def make_safe(controller: Controller) -> dict[str, float]:
-    """Ramp every output to its safe voltage, all at the same time, or leave it, as `safe.on_fault`
-    says; volts by the axes' names in keys.
+    """Ramp all outputs to their safe voltages at the same time, or leave them, as `safe.on_fault`
+    says; return the volts by axis name.
 
-    One that cannot be reached keeps no other from its safe state, and is tried again for
-    TRY_AGAIN_S: nothing behind this sees to it. Raises its DriverError then.
+    An output that cannot be reached does not keep the others from their safe state. It is tried
+    again for TRY_AGAIN_S, because nothing after this takes care of it; then its DriverError is
+    raised.
     """
     volts: dict[str, float] = {}
     errors: dict[str, DehystError] = {}
@@ -83,7 +85,8 @@ def make_safe(controller: Controller) -> dict[str, float]:
 
 
 def _once(axes: list[Config]) -> tuple[dict[str, float], dict[str, DehystError]]:
-    """One attempt: the outputs that have reached their state, and why the others have not."""
+    """Make one attempt; return the outputs that have reached their state and the errors of the
+    others."""
     outputs: list[_Output] = []
     errors: dict[str, DehystError] = {}
     try:
@@ -101,12 +104,12 @@ def _once(axes: list[Config]) -> tuple[dict[str, float], dict[str, DehystError]]
 
 
 def _ramp(outputs: list[_Output], errors: dict[str, DehystError]) -> None:
-    """Step by step; an output that fails is left out from there on."""
+    """Ramp the outputs step by step; one that fails is left out from then on."""
     moving = [output for output in outputs if output.left_s > 0]
     if not moving:
         return
-    # one after the other writes to what may be one unit; systemd waits for the longest ramp,
-    # whatever TimeoutStopSec= says
+    # the axes are written in turn, because they may be on one unit; systemd must wait for the
+    # longest ramp, whatever TimeoutStopSec= says
     period_s = max(output.least_period_s for output in moving)
     longest_s = max(output.left_s for output in moving)
     notify.send(f"EXTEND_TIMEOUT_USEC={round(1e6 * (1.5 * longest_s + SPARE_S))}")

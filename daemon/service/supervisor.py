@@ -1,9 +1,9 @@
-"""`dehyst run`: core and gateway as child processes, and on the simulated stage the bench too.
+"""`dehyst run`: core and gateway as child processes, and with the simulated stage also the bench.
 
-What systemd does with the shipped units, for a terminal. What becomes of the core is a table of
-states (dehyst.daemon.service.life); here its events are seen and its states entered. The gateway
-is started again when it dies, with growing pauses where it cannot begin. SIGTERM and SIGINT end the
-core first (it ramps, as long as that takes), then the rest. SIGHUP goes to the core.
+This does in a terminal what systemd does with the shipped units. The core follows the state table
+in dehyst.daemon.service.life; this module detects the events and enters the states. The gateway is
+restarted when it dies, after growing pauses if it cannot start. SIGTERM and SIGINT end the core
+first (it may take as long as its ramp needs), then the rest. SIGHUP is passed to the core.
 """
 
 import json
@@ -24,17 +24,17 @@ from dehyst.daemon.service.heartbeat import Heartbeats
 from dehyst.daemon.service.life import NEXT, Life, LifeEvent
 from dehyst.models.errors import DehystError
 
-# -P: a folder called dehyst where the user stands must not be taken for the package
+# -P: a folder called dehyst in the working directory must not be taken for the package
 DEHYST = (sys.executable, "-P", "-m", "dehyst.daemon.main")
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
-SPARE_S = 20.0  # beyond a ramp's own time: devices that are slow to answer, a busy machine
-BENCH_READY_S = 240.0  # with a cold cache the kernels are compiled first
+SPARE_S = 20.0  # in addition to a ramp's duration: for slow devices, a busy machine
+BENCH_READY_S = 240.0  # with a cold cache, the kernels are compiled first
 LOOK_S = 0.25
 UNBORN = 126
 
 
 class Child:
-    """One child process, started again after it dies; the pauses grow until it has worked."""
+    """One child process that is restarted after it dies; the pauses grow until it has worked."""
 
     def __init__(self, name: str, arguments: list[str]) -> None:
         self.name, self.arguments = name, arguments
@@ -43,14 +43,14 @@ class Child:
         self._unborn = False
 
     def start(self) -> None:
-        """Start it now. Where the machine has no process to give, it counts as one that died."""
-        # held back until the child says how it takes it
+        """Start it now. If the system cannot create a process, it counts as one that died."""
+        # SIGHUP stays blocked until the child has installed its handler
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
         try:
             self.process = subprocess.Popen(
                 [*DEHYST, *self.arguments],
                 stdin=subprocess.DEVNULL,
-                start_new_session=True,  # a Ctrl-C at the terminal reaches the supervisor alone
+                start_new_session=True,  # Ctrl-C at the terminal reaches only the supervisor
                 **log_lines.for_child(),
             )
         except OSError:
@@ -60,11 +60,12 @@ class Child:
 
     @property
     def pid(self) -> int:
-        """Of its process; 0: none."""
+        """Process id; 0 if it is not running."""
         return 0 if self.process is None else self.process.pid
 
     def died(self, worked: bool) -> int | None:
-        """Its exit code, once, when it is no longer running; worked: it was of use before."""
+        """Return its exit code once after it has ended, otherwise None. worked: it did its work
+        before it ended, so the pause is reset."""
         code = None if self.process is None else self.process.poll()
         if self._unborn:
             code, self._unborn = UNBORN, False
@@ -76,24 +77,24 @@ class Child:
 
     @property
     def due(self) -> bool:
-        """True when it is to be started again."""
+        """True if it is not running and its pause is over."""
         return self.process is None and clock.monotonic_ns() >= self.due_ns
 
     def signal(self, number: int) -> None:
-        """Pass a signal on."""
+        """Send it a signal if it runs."""
         if self.process is not None and self.process.poll() is None:
             self.process.send_signal(number)
 
     def kill(self) -> None:
-        """End it at once."""
+        """Kill it with SIGKILL."""
         if self.process is not None:
             self.process.kill()
-            with suppress(subprocess.TimeoutExpired):  # it is within the kernel, and ends later
+            with suppress(subprocess.TimeoutExpired):  # it is in a kernel call and ends later
                 self.process.wait(5.0)
 
 
 class Supervisor:
-    """Runs core and gateway for one configuration file, whatever the number of axes."""
+    """Runs core and gateway for one configuration file with any number of axes."""
 
     def __init__(self, controller: Controller, path: Path, say: Callable[[str], None]) -> None:
         self.controller, self.path, self.say = controller, path, say
@@ -113,11 +114,11 @@ class Supervisor:
         self._entered_ns = 0
         self._began_ns: dict[str, int] = {}
         self._ever = self._ready = self._folder_gone = False
-        self._begun = True  # False: the core was asked to end before it could react to that
+        self._begun = True  # False: the core was asked to end before it had its signal handlers
 
     def run(self) -> int:
-        """Until a signal; 0, 1 where the output had to be made safe by force or could not be made
-        safe, 2 where the core refuses to start."""
+        """Run until a signal. Return 0; 1 if the output had to be made safe by force or could not
+        be made safe; 2 if the core refused to start."""
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_end)
         signal.signal(signal.SIGHUP, self._on_reload)
@@ -128,7 +129,7 @@ class Supervisor:
             while self.life is not Life.OVER:
                 self._sleep(LOOK_S)
                 self._look()
-        finally:  # whatever happened, nothing that drives the stage is left behind
+        finally:  # whatever happened, no process that drives the stage may remain
             self._end(self.core, self.patience_s)
             self._log_events()
             for child in (self.page, self.doctor):
@@ -140,7 +141,7 @@ class Supervisor:
     # -- events ---------------------------------------------------------------------------------
 
     def _look(self) -> None:
-        """See what has happened; each event leads to the state that the table says."""
+        """Detect what has happened; each event leads to the state in the table."""
         self._heartbeat.look(clock.monotonic_ns())
         self._log_events()
         self._look_for_folder()
@@ -148,7 +149,7 @@ class Supervisor:
         if beats and self.core.process is not None:
             self._ever = True
             self._happens(LifeEvent.SAMPLE)
-        if self._reload_asked and self.life is Life.BEATING:  # a core that starts would die of it
+        if self._reload_asked and self.life is Life.BEATING:  # SIGHUP would kill a starting core
             self._reload_asked = False
             self.core.signal(signal.SIGHUP)
         code = self.core.died(beats)
@@ -184,7 +185,7 @@ class Supervisor:
             self._happens(LifeEvent.DIED)
 
     def _still(self) -> bool:
-        """True when what runs has had its time."""
+        """True if the running process has exceeded the time that its state allows."""
         if self.life in (Life.STARTING, Life.BEATING):
             return self._heartbeat.core_hangs
         if self.life in (Life.ENDING, Life.SAVING, Life.LAST):
@@ -193,7 +194,7 @@ class Supervisor:
 
     @property
     def patience_s(self) -> float:
-        """So long a ramp may take: by the core as it ends, or by `dehyst safe`."""
+        """Longest time for a ramp, by the core as it ends or by `dehyst safe` [s]."""
         return self.controller.longest_ramp_s + SPARE_S
 
     # -- states ---------------------------------------------------------------------------------
@@ -207,7 +208,7 @@ class Supervisor:
             self.say(f"{stuck.name} hangs; killing it")
             stuck.kill()
             stuck.died(False)
-        if after is Life.LAST and before is Life.SAVING:  # it runs already, and is the last thing
+        if after is Life.LAST and before is Life.SAVING:  # `dehyst safe` already runs
             self.life = after
             return
         if before is Life.LAST and event is not LifeEvent.SAVED:
@@ -263,8 +264,9 @@ class Supervisor:
             notify.send("STATUS=ready")
 
     def _look_at(self, child: Child | None) -> None:
-        """Page and doctor are nobody's need: whatever becomes of them, loop and gateway go on. The
-        doctor waits until the loop beats: it is not in the way of a start."""
+        """Restart the page or the doctor if it has died. Neither is essential: loop and gateway
+        continue without them. The doctor starts only once the loop writes samples, so that it does
+        not delay the start."""
         if child is None:
             return
         began_ns = self._began_ns.get(child.name, 0)
@@ -280,7 +282,7 @@ class Supervisor:
     # -- the rest -------------------------------------------------------------------------------
 
     def _end(self, child: Child, timeout_s: float) -> None:
-        """SIGTERM and wait; SIGKILL after the time-out."""
+        """Send SIGTERM and wait; send SIGKILL after the time-out."""
         if child.process is None:
             return
         child.signal(signal.SIGTERM)
@@ -292,8 +294,8 @@ class Supervisor:
             self.code = self.code or 1
 
     def _look_for_folder(self) -> None:
-        """Say once that the rings have gone: what runs goes on with the files that it has open,
-        and what is started meanwhile finds none of them."""
+        """Report once that the rings are gone: running processes continue with the files that they
+        have open, but a process started now cannot find them."""
         rings = [axis.directory / "telemetry.ring" for axis in self.controller.axes]
         gone = self.life is Life.BEATING and not all(os.path.lexists(ring) for ring in rings)
         if gone and not self._folder_gone:
@@ -305,7 +307,7 @@ class Supervisor:
         self._folder_gone = gone
 
     def _log_events(self) -> None:
-        """Say what this run of the loop has to say, and when that was."""
+        """Report the new events of this run of the loop, with their times."""
         for events in self._events:
             events.log_new(self._pid)
 
@@ -349,12 +351,12 @@ class BenchProcess:
         )
         try:
             self.ports = self._wait()
-        except BaseException:  # an interrupt while it starts, too
+        except BaseException:  # including an interrupt during the start
             self.close()
             raise
 
     def _wait(self) -> dict[str, str]:
-        """Its ports, once it serves them."""
+        """Wait until the bench serves its ports; return them. Raises DehystError."""
         assert self.process.stdout is not None
         ready, _, _ = select.select([self.process.stdout], [], [], BENCH_READY_S)
         line = self.process.stdout.readline() if ready else b""
@@ -365,7 +367,7 @@ class BenchProcess:
         return ports
 
     def close(self) -> None:
-        """End it."""
+        """End the bench."""
         self.process.terminate()
         try:
             self.process.wait(10.0)
