@@ -1,4 +1,4 @@
-"""The clocks, in one place: monotonic for every deadline, wall clock only to label records."""
+"""The clocks in one place: monotonic for deadlines, wall clock only to label records."""
 
 import time
 
@@ -6,15 +6,15 @@ NS = 1_000_000_000
 
 
 def monotonic_ns() -> int:
-    """Nanoseconds of CLOCK_MONOTONIC; never steps when the wall clock is set."""
+    """Return CLOCK_MONOTONIC in nanoseconds; it does not step when the wall clock is set."""
     return time.monotonic_ns()
 
 
 def wall_ns() -> int:
-    """Nanoseconds since 1970 by the wall clock; may step."""
+    """Return the wall clock in nanoseconds since 1970; it may step."""
     return time.time_ns()
 
 
 def sleep_s(seconds: float) -> None:
-    """Sleep; for threads that have no deadline."""
+    """Sleep. Only for threads without a deadline."""
     time.sleep(seconds)

@@ -1,4 +1,4 @@
-"""What is closed at the end of a `with` block."""
+"""Base class of objects that a `with` block closes at its end."""
 
 from abc import ABC, abstractmethod
 from types import TracebackType
@@ -6,11 +6,11 @@ from typing import Self
 
 
 class Closing(ABC):
-    """Base of what has a `close()` that ends it: `with thing as t:` calls it at the end."""
+    """Base class of objects with a `close()`, which `with thing as t:` calls at its end."""
 
     @abstractmethod
     def close(self) -> None:
-        """End it. Safe to call twice."""
+        """Close the object. Safe to call twice."""
 
     def __enter__(self) -> Self:
         return self

@@ -1,4 +1,4 @@
-"""Files that somebody else wrote, read with bounds: no silent pipe, no endless device."""
+"""Read foreign files with bounds, so that no silent pipe or endless device can block."""
 
 import os
 import stat
@@ -10,7 +10,7 @@ class NotReadable(Exception):
 
 
 def check_ordinary(path: Path) -> int:
-    """The size of an ordinary file. Raises NotReadable for anything else, a pipe included."""
+    """Return the size of an ordinary file. Raises NotReadable for anything else, such as a pipe."""
     try:
         status = os.stat(path)
     except (OSError, ValueError) as error:
@@ -21,7 +21,7 @@ def check_ordinary(path: Path) -> int:
 
 
 def read_text(path: Path, most_bytes: int) -> str:
-    """The UTF-8 text of an ordinary file. Raises NotReadable."""
+    """Return the UTF-8 text of an ordinary file of at most `most_bytes`. Raises NotReadable."""
     size = check_ordinary(path)
     if size > most_bytes:
         raise NotReadable(f"{size} bytes; at most {most_bytes} are read")

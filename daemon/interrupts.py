@@ -1,4 +1,4 @@
-"""The two ends of a process: at once while nothing has begun, and for good when all is closed."""
+"""End a process: immediately on an interrupt during its start, and finally after all is closed."""
 
 import atexit
 import os
@@ -16,10 +16,10 @@ INTERRUPTED = 130
 
 @contextmanager
 def ended_at_once(said_by: str) -> Iterator[None]:
-    """An interrupt ends the process with one line and exit status 130, wherever it comes.
+    """End the process on an interrupt within the block, with one line and exit status 130.
 
-    For the imports: a KeyboardInterrupt that is raised within one may be lost there, and the
-    program would go on as if nobody had asked.
+    This is for the imports: a KeyboardInterrupt raised within one may be lost there, and the
+    program would continue as if there had been no interrupt.
     """
 
     def end(number: int, frame: object) -> None:
@@ -35,10 +35,10 @@ def ended_at_once(said_by: str) -> Iterator[None]:
 
 @contextmanager
 def noted_interrupts() -> Iterator[Callable[[], None]]:
-    """Within, an interrupt is noted, and the yielded function raises it as a KeyboardInterrupt:
-    raised wherever the program happens to be, it may be lost in a callback from compiled code. A
-    second one is raised at once, and one that nobody took is raised at the end. Outside of the main
-    thread, and where the program handles interrupts itself, nothing changes."""
+    """Note an interrupt within the block; the yielded function raises it as a KeyboardInterrupt.
+    Raised immediately, it might be lost in a callback from compiled code. A second interrupt is
+    raised at once, and one that was not raised by then is raised at the end. Outside the main
+    thread, or if the program handles interrupts itself, nothing changes."""
     noted, taken = 0, False
 
     def note(number: int, frame: FrameType | None) -> None:
@@ -67,12 +67,13 @@ def noted_interrupts() -> Iterator[Callable[[], None]]:
 
 
 class LightEnd:
-    """Made first in a process, it ends it last, with the exit status `code`; 1: by an exception.
+    """Ends the process with the exit status `code`, without finalizing the interpreter. Create it
+    first in a process, so that it acts last. code: 1 unless set, for an end by an exception.
 
-    Threads that are no daemons have been waited for then, and what is to be done at exit is done.
-    The interpreter is not taken down: that costs a process with kernels 0.3 s of a processor, and
-    with a thread still within the bus it ends with SIGABRT: CPython ends such a thread as it comes
-    back, which zenoh's Rust takes for a foreign exception.
+    Non-daemon threads have ended by then, and the other exit handlers have run. Finalizing the
+    interpreter would cost a process with kernels 0.3 s of CPU time. With a thread still in the bus
+    it would end with SIGABRT: CPython ends such a thread as it returns, which zenoh's Rust code
+    takes for a foreign exception.
     """
 
     def __init__(self) -> None:
@@ -84,7 +85,7 @@ class LightEnd:
         try:
             sys.stdout.flush()
             sys.stderr.flush()
-        except BrokenPipeError:  # the reader has gone
+        except BrokenPipeError:  # the reader is gone
             pass
         except OSError as error:
             os.write(2, f"dehyst: stdout: {error.strerror}\n".encode())

@@ -1,14 +1,14 @@
-"""Compiled kernels on disk that are older than what went into them are thrown away.
+"""Discard stale compiled kernels on disk, and load only kernels that can be trusted.
 
 numba keeps a kernel's machine code as long as the kernel's own file is unchanged. A kernel that
-calls another file's kernel, or reads a constant or a record layout from there, would stay as it
-was when that file changes. `drop_stale` follows the imports and removes what is out of date.
+calls another file's kernel, or reads a constant or a record layout from there, would not be
+recompiled when that file changes. `drop_stale` follows the imports and removes outdated kernels.
 
-A cached kernel is a pickle: whoever can write one has code run by all who load it. So the services
-load kernels that were written at installation, by another user, and that they cannot write
-themselves ($NUMBA_CACHE_DIR, see systemd/). `protect` looks at what is there, takes only what
-nobody but its owner could have written, and puts it, as links, into a folder of this process
-alone; what must be compiled anew goes there too. Both are called before any kernel is loaded.
+A cached kernel is a pickle: whoever can write one can run code in every process that loads it. The
+services therefore load kernels that another user wrote at installation and that they cannot write
+themselves ($NUMBA_CACHE_DIR, see systemd/). `protect` checks the cache and links only the files
+that nobody but their owner could have written into a folder private to this process; kernels that
+must be compiled again go there too. Both functions are called before any kernel is loaded.
 """
 
 import atexit
@@ -32,7 +32,7 @@ _FROM = re.compile(r"^from dehyst\.([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTI
 
 
 def _sources() -> dict[str, Path]:
-    """Files by module name without "dehyst."."""
+    """Return the source files by module name without "dehyst."."""
     found = {}
     for room in ROOMS:
         for path in sorted((PACKAGE / room).rglob("*.py")):
@@ -43,7 +43,7 @@ def _sources() -> dict[str, Path]:
 
 
 def _imports(text: str, known: dict[str, Path]) -> set[str]:
-    """Modules of this package that a file's text imports."""
+    """Return the modules of this package that a file's text imports."""
     found = set()
     for module, names in _FROM.findall(text):
         found.add(module)
@@ -52,7 +52,8 @@ def _imports(text: str, known: dict[str, Path]) -> set[str]:
 
 
 def newest_sources_ns() -> dict[tuple[str, str], int]:
-    """By folder and file name: when it, or what it imports directly or not, last changed."""
+    """Return by folder and file name when the file, or anything it imports directly or indirectly,
+    last changed."""
     files = _sources()
     texts = {name: path.read_text(encoding="utf-8") for name, path in files.items()}
     needs = {name: _imports(text, files) for name, text in texts.items()}
@@ -74,8 +75,8 @@ def newest_sources_ns() -> dict[tuple[str, str], int]:
 
 
 def _kernel_file(index: Path) -> tuple[str, str]:
-    """Folder and file name of the kernel that an index belongs to: numba keeps it in __pycache__
-    beside the file, or in $NUMBA_CACHE_DIR in a folder named FOLDER_HASH."""
+    """Return folder and file name of the kernel to which an index belongs. numba keeps the index in
+    __pycache__ next to the file, or in $NUMBA_CACHE_DIR in a folder named FOLDER_HASH."""
     folder = index.parent
     beside = folder.name == "__pycache__"
     room = folder.parent.name if beside else folder.name.rpartition("_")[0]
@@ -83,8 +84,8 @@ def _kernel_file(index: Path) -> tuple[str, str]:
 
 
 def protect() -> list[str]:
-    """Where $NUMBA_CACHE_DIR is not this user's own and closed to others: a private view of it, and
-    what was left out, for the user."""
+    """Replace $NUMBA_CACHE_DIR with a private view of it unless it belongs to this user and is
+    closed to others. Return messages for the user about what was left out."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     if not given:
         return []
@@ -105,7 +106,7 @@ def protect() -> list[str]:
 
 
 def _view(root: Path, view: Path) -> list[tuple[Path, str]]:
-    """Link what can be trusted below `root` into `view`; what cannot, and why."""
+    """Link the trusted files below `root` into `view`; return the others with the reasons."""
     owner = root.stat().st_uid
     if owner not in (0, system.user_id()):
         return [(root, f"it belongs to user {owner}")]
@@ -128,15 +129,15 @@ def _view(root: Path, view: Path) -> list[tuple[Path, str]]:
 
 
 def drop_stale() -> int:
-    """Remove index files of out-of-date kernels; how many there were.
+    """Remove the index files of outdated kernels; return their number.
 
-    Every process begins with this, so files are read only where one is newer than a kernel; kernels
-    that are found good nevertheless are marked as looked at: they become as new as this look, but
-    for those that another tree shares by a hard link, whose sources may be others.
+    Every process starts with this, so source files are read only if one is newer than a kernel.
+    Kernels that are nevertheless up to date get the present time stamp, so that they are not
+    checked again, except those that another tree shares by a hard link: its sources may differ.
     """
     own = os.environ.get("NUMBA_CACHE_DIR")
     roots = [Path(own)] if own else [PACKAGE / room for room in ROOMS]
-    now_ns = time.time_ns()  # files are dated by the wall clock
+    now_ns = time.time_ns()  # file times use the wall clock
     sources = (one for room in ROOMS for one in _files(PACKAGE / room, ".py"))
     last_change_ns = max(one.stat().st_mtime_ns for one in sources)
     newest: dict[tuple[str, str], int] = {}
@@ -153,13 +154,13 @@ def drop_stale() -> int:
             elif found.st_nlink == 1:
                 os.utime(index.path, ns=(now_ns, now_ns), follow_symlinks=False)
         except OSError:
-            continue  # another process was faster, or the cache is not ours to clean
+            continue  # another process was faster, or this one may not clean the cache
     return dropped
 
 
 def _files(folder: Path | str, suffix: str) -> Iterator[os.DirEntry[str]]:
-    """Files below a folder with this suffix; none where there is no such folder. Every process
-    looks for them as it starts: a third of the time that Path.rglob takes."""
+    """Yield the files below a folder with this suffix; none if the folder does not exist. Every
+    process does this as it starts; it takes a third of the time of Path.rglob."""
     with suppress(OSError), os.scandir(folder) as entries:
         for one in entries:
             if one.is_dir(follow_symlinks=False):
@@ -169,11 +170,11 @@ def _files(folder: Path | str, suffix: str) -> Iterator[os.DirEntry[str]]:
 
 
 def load_lightly() -> None:
-    """From now on numba takes in all that it can compile, cffi among it, when it compiles, and not
-    before it loads a kernel that is on disk; and takes it for granted that scipy.linalg is there.
-    Before the first kernel is called; imports numba.
+    """Make numba load its type support, such as that for cffi, only when it compiles, not when it
+    loads a kernel from disk, and assume that scipy.linalg exists. Call it before the first kernel
+    is called; it imports numba.
 
-    Else core and gateway take 0.4 s of a processor more to start. scipy is a dependency; a kernel
+    Otherwise core and gateway need 0.4 s more CPU time to start. scipy is a dependency; a kernel
     that multiplies matrices imports what it needs when it runs.
     """
     from numba.core import caching

@@ -1,14 +1,13 @@
-"""The log of a process that must go on, whatever becomes of what it is written to.
+"""The log of a process that must keep running whatever happens to its stdout and stderr.
 
-A terminal that was stopped, a pipe that nobody empties, a full disk, a reader that has gone: a
-write to any of them may block for good or fail. Here a line is only put into a queue; a thread
-writes it to where the process' stdout or stderr leads. A line for which there is no room, or whose
-write fails, is dropped and counted, and the count is said with the next line that can be written.
-What compiled code writes to descriptors 1 and 2 takes the same way: they become pipes that never
-block.
+A write to a stopped terminal, a pipe that nobody reads, a full disk or a closed reader may block
+forever or fail. Here a line is only put into a queue, and a thread writes it to the original stdout
+or stderr. A line for which there is no room, or whose write fails, is dropped and counted; the
+count is reported with the next line that can be written. Output of compiled code to descriptors 1
+and 2 goes the same way: they become pipes that never block.
 
-The counts of all processes of one supervisor lie in memory that they share (`dropped`); there is
-also noted what one of them says for all (`first_to_say`).
+All processes of one supervisor keep their counts in shared memory (`dropped`), which also records
+whether one of them has printed a message for all (`first_to_say`).
 """
 
 import faulthandler
@@ -25,18 +24,18 @@ from typing import Any
 from dehyst.drivers import system
 
 MOST_BYTES = 1 << 18
-"""What may wait to be written: some thousand lines, beyond what a pipe of the kernel holds."""
+"""Largest queue [bytes]: a few thousand lines, in addition to what a kernel pipe holds."""
 LAST_WORDS_S = 0.5
-"""How long the end of the process waits for what is still to be written."""
+"""Longest time for which the end of the process waits for queued lines."""
 COUNTS, SLOTS = "DEHYST_LOG_COUNTS", 16
 PLACES = {"run": 0, "core": 1, "gateway": 2, "doctor": 3, "page": 4, "safe": 5, "emulate": 6}
-"""Processes by their commands, and where their counts lie."""
+"""Slot of each process' count, by command."""
 SAID = SLOTS - 2
-"""Where it lies that one of them has said what it says for all."""
+"""Slot that records whether one process has printed the message for all."""
 
 
 class _Outlet:
-    """Where one descriptor led when the process began, and the thread that writes there."""
+    """The original target of one descriptor, and the thread that writes to it."""
 
     def __init__(self, file: int, who: str) -> None:
         self._file, self._who = file, who
@@ -47,7 +46,7 @@ class _Outlet:
         threading.Thread(target=self._run, name="log", daemon=True).start()
 
     def put(self, data: bytes) -> None:
-        """To be written; never waits for that."""
+        """Queue data to be written; never blocks."""
         with self._change:
             if self._bytes + len(data) > MOST_BYTES:
                 self._drop(data)
@@ -57,7 +56,7 @@ class _Outlet:
             self._change.notify_all()
 
     def flush(self, seconds: float) -> None:
-        """Wait until all is written, at most so long."""
+        """Wait until all data is written, at most this long."""
         with self._change:
             self._change.wait_for(lambda: not self._waiting and not self._busy, seconds)
 
@@ -90,12 +89,12 @@ class _Outlet:
         while data:
             try:
                 data = data[os.write(self._file, data) :]
-            except BlockingIOError:  # somebody who shares it does not want to wait
+            except BlockingIOError:  # another user of the file has made it non-blocking
                 select.select([], [self._file], [])
 
 
 class _Words(io.TextIOBase):
-    """What print() writes to: whole lines go to the outlet."""
+    """The stream that print() writes to; it passes whole lines to the outlet."""
 
     def __init__(self, outlet: _Outlet, number: int, terminal: bool) -> None:
         self._outlet, self._number, self._terminal = outlet, number, terminal
@@ -126,14 +125,14 @@ class _Words(io.TextIOBase):
 
 
 class Log:
-    """stdout and stderr of this process, from now on. who: the command, for the count's words.
-    file: where stderr led before, for the children: each has a log of its own."""
+    """Replaces stdout and stderr of this process. who: the command, named in messages; files:
+    copies of the original stdout and stderr, for child processes, which have their own logs."""
 
     def __init__(self, who: str) -> None:
-        # the terminal may stop whoever writes from the background: not this process
+        # a terminal may stop a background process that writes to it; this one ignores that
         signal.signal(signal.SIGTTOU, signal.SIG_IGN)
         self.files = [_kept(number) for number in (1, 2)]
-        if faulthandler.is_enabled():  # by $PYTHONFAULTHANDLER; no thread writes it after a crash
+        if faulthandler.is_enabled():  # by $PYTHONFAULTHANDLER; no thread can write after a crash
             faulthandler.enable(self.files[1])
         outlets = [_Outlet(file, who) for file in self.files]
         if os.path.sameopenfile(*self.files):
@@ -151,14 +150,14 @@ class Log:
         threading.Thread(target=_pass_on, args=(sources,), name="log-pipes", daemon=True).start()
 
     def flush(self) -> None:
-        """The last words, as far as they can be written soon."""
+        """Write what is still queued, as far as possible within LAST_WORDS_S per outlet."""
         for outlet in self._outlets:
             outlet.flush(LAST_WORDS_S)
 
 
 def _kept(number: int) -> int:
-    """A descriptor of our own to where this one leads; to nowhere where it is closed."""
-    import fcntl  # of POSIX; this log is for processes that last, on Linux
+    """Duplicate a descriptor; return one of /dev/null if it is closed."""
+    import fcntl  # POSIX only; this log is for long-lived processes on Linux
 
     try:
         return fcntl.fcntl(number, fcntl.F_DUPFD_CLOEXEC, 3)
@@ -171,7 +170,7 @@ def _kept(number: int) -> int:
 
 
 def _pass_on(sources: dict[int, _Outlet]) -> None:
-    """What compiled code writes, to the outlets."""
+    """Pass what compiled code writes to the outlets."""
     while True:
         for read in select.select(list(sources), [], [])[0]:
             sources[read].put(os.read(read, 1 << 16))
@@ -182,7 +181,7 @@ _counts = -1
 
 
 def keep_going(who: str) -> None:
-    """From now on nothing that this process writes to stdout or stderr can stop it."""
+    """Install the log: from now on, no write to stdout or stderr can stop this process."""
     global _log
     if _log is not None:
         return
@@ -191,7 +190,7 @@ def keep_going(who: str) -> None:
 
 
 def _share_counts() -> int:
-    """The counts of the supervisor, or new ones where this process is the first."""
+    """Return the descriptor of the supervisor's counts, or of new ones in the first process."""
     global _counts
     given = os.environ.pop(COUNTS, "")
     if _counts >= 0:
@@ -207,13 +206,13 @@ def _share_counts() -> int:
 
 
 def first_to_say() -> bool:
-    """True for the first process, of those that share counts, that asks."""
+    """Return True for the first process, among those that share counts, that calls this."""
     if not system.LINUX:
         return True
-    import fcntl  # of POSIX
+    import fcntl  # POSIX only
 
     counts = _share_counts()
-    fcntl.lockf(counts, fcntl.LOCK_EX, 8, 8 * SAID)  # two that start together ask together
+    fcntl.lockf(counts, fcntl.LOCK_EX, 8, 8 * SAID)  # two processes may call this at once
     try:
         said = any(os.pread(counts, 8, 8 * SAID))
         os.pwrite(counts, b"\1", 8 * SAID)
@@ -223,7 +222,7 @@ def first_to_say() -> bool:
 
 
 def last_words() -> None:
-    """Before the process ends: wait a moment for what is still to be written."""
+    """Wait briefly for queued lines before the process ends."""
     if _log is not None:
         with suppress(OSError, ValueError):
             sys.stdout.flush()
@@ -232,8 +231,8 @@ def last_words() -> None:
 
 
 def for_child() -> dict[str, Any]:
-    """Arguments of subprocess.Popen. A child writes to where this process was started to write,
-    not through its parent, which may end before it; and counts where its parent counts."""
+    """Return arguments for subprocess.Popen. A child writes to the original stdout and stderr of
+    this process, not through it, because it may end first, and shares its counts."""
     counts = _share_counts()
     environment = {**os.environ, "DEHYST_SUPERVISED": str(os.getpid()), COUNTS: str(counts)}
     shared = {"env": environment, "pass_fds": (counts,)}
@@ -244,7 +243,7 @@ def for_child() -> dict[str, Any]:
 
 
 def dropped() -> int:
-    """Lines that this process and those that share its counts could not write."""
+    """Return the number of lines that this process and those sharing its counts dropped."""
     try:
         data = os.pread(_counts, 8 * SLOTS, 0)
     except OSError:

@@ -1,4 +1,4 @@
-"""The command line: `dehyst COMMAND ...`, one module of dehyst.daemon.commands a command."""
+"""The command line: `dehyst COMMAND ...`, with one module of dehyst.daemon.commands per command."""
 
 import argparse
 import errno
@@ -10,7 +10,7 @@ import warnings
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, NoReturn
 
-# before numpy is imported: BLAS threads on matrices as small as ours cost fifty times their gain
+# before numpy is imported: on matrices as small as ours, BLAS threads cost fifty times their gain
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -22,7 +22,7 @@ from dehyst.daemon.printable import printable
 from dehyst.drivers import system
 from dehyst.models.errors import BadInput, DehystError, NotNow
 
-# name: help line. Modules are imported when they are used: numba and zenoh take their time.
+# name: help line. Modules are imported only when they are used: numba and zenoh load slowly.
 COMMANDS = {
     "run": "the daemon in the foreground (without --config: on the simulated stage)",
     "demo": "the whole story on the simulated stage in a few minutes",
@@ -69,8 +69,8 @@ COMPILING = {
     *("demo", "setup", "acquire", "identify", "excite", "simulate", "validate", "invert"),
     *("diagnose", "latency", "scan", "paper", "image", "bench"),
 }
-"""Commands that may have to compile kernels first, and say so on a terminal; the daemon's own
-processes say it wherever they are read."""
+"""Commands that may have to compile kernels first and report it on a terminal. PROCESSES, the
+daemon's own, report it in a pipe as well."""
 PROCESSES = {"core", "gateway", "emulate"}
 
 
@@ -79,11 +79,10 @@ SHORT = {"--check", "-h", "--help"}
 
 
 def _lasts(command: str | None, arguments: list[str]) -> bool:
-    """True for a process of the daemon: neither its log nor a signal that it has not asked for may
-    end it."""
+    """Return True for a process of the daemon: neither its log nor an early SIGHUP may end it."""
     if command not in LASTING or SHORT & set(arguments):
         return False
-    if command == "doctor":  # without a configuration it prints what was found
+    if command == "doctor":  # without a configuration it only prints the findings
         return any(a.split("=")[0] == "--config" for a in arguments)
     return command != "emulate" or "DEHYST_SUPERVISED" in os.environ
 
@@ -111,17 +110,17 @@ LONGEST_LINE = 900
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line. commands: the parsers of the commands."""
+    """An argument parser that reports errors in one line. commands: the commands' parsers."""
 
     commands: dict[str, "Parser"]
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong and where help is; exit with 2."""
+        """Print what is wrong and how to get help; exit with 2."""
         self.exit(2, f"{self.prog}: {message}; see `{self.prog} --help`\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """What a command does not know is its own error: argparse would let the program say it,
-        which would name the program's help."""
+        """Report a command's unknown arguments as the command's own error: argparse would report
+        them from the top-level parser and name its help."""
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}")
@@ -129,7 +128,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def build_parser(*commands: str | None) -> Parser:
-    """The parser; the arguments of these commands alone are filled in, where this system runs
+    """Return the parser; only the arguments of these commands are added, if this system can run
     them."""
     parser = Parser(
         prog="dehyst",
@@ -150,19 +149,19 @@ def build_parser(*commands: str | None) -> Parser:
             module = importlib.import_module(f"dehyst.daemon.commands.{name}")
             module.configure(child)
             child.set_defaults(run=module.run)
-            if name == "completion":  # it speaks of all of them
+            if name == "completion":  # it needs the arguments of all commands
                 child.set_defaults(build_whole=build_whole_parser)
     return parser
 
 
 def build_whole_parser() -> Parser:
-    """The parser with the arguments of all commands."""
+    """Return the parser with the arguments of all commands."""
     return build_parser(*COMMANDS)
 
 
 def _in_hertz(command: str | None, arguments: list[str]) -> list[str]:
-    """`identify --rate 1000`, which counts rows, apart from its `--rate`, which asks for a model
-    that depends on the rate."""
+    """Turn `identify --rate 1000`, a rate of samples, into --rate-hz, to distinguish it from
+    `--rate`, which asks for a rate-dependent model."""
     out = list(arguments)
     for i, word in enumerate(out):
         after = out[i + 1] if i + 1 < len(out) else ""
@@ -176,7 +175,7 @@ def _in_hertz(command: str | None, arguments: list[str]) -> list[str]:
 def _reporting_compilation(command: str | None, said_by: str) -> AbstractContextManager[None]:
     if command not in COMPILING | PROCESSES:
         return nullcontext()
-    # both import numba, which these need anyway
+    # both import numba, which these commands need anyway
     from dehyst.daemon.kernel_cache import load_lightly
     from dehyst.daemon.terminal.compiling import compiling_reported
 
@@ -186,19 +185,19 @@ def _reporting_compilation(command: str | None, said_by: str) -> AbstractContext
 
 
 def _one_line(error: Exception) -> str:
-    """An error as it goes to the screen: escaped, and without the middle of what nobody reads."""
+    """Return an error as one line for the screen: escaped, and shortened in the middle if long."""
     text = printable(" ".join(str(error).split()))
     return text if len(text) <= LONGEST_LINE else f"{text[:300]} ... {text[-300:]}"
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one command; 0 success, 1 a finding or not possible now, 2 bad usage or input, said in
-    one line on stderr."""
+    """Run one command. Return 0 on success, 1 for a finding or if it is not possible now, 2 for
+    bad usage or input, which is reported in one line on stderr."""
     arguments = sys.argv[1:] if argv is None else argv
     command = next((a for a in arguments if a in COMMANDS), None)
     said_by = f"dehyst {command}" if command else "dehyst"
     if system.LINUX and command and argv is None and _lasts(command, arguments):
-        # before a process that reloads has said how it takes it; others have nothing to reload
+        # ignore SIGHUP until a process that reloads installs its handler; others do not reload
         signal.signal(signal.SIGHUP, lambda *_: None)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGHUP})
         realtime.take_place(command)
@@ -225,7 +224,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"{said_by}: {_one_line(error)}", file=sys.stderr)
         return 2
     except (KeyboardInterrupt, SystemError) as error:
-        # within a callback from compiled code it is the cause of a SystemError
+        # in a callback from compiled code, the interrupt is the cause of a SystemError
         if not isinstance(error.__cause__ or error, KeyboardInterrupt):
             raise
         print(f"{said_by}: interrupted", file=sys.stderr)
@@ -233,7 +232,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def run_process() -> NoReturn:
-    """`main` as a process of its own. What a library warns of is not for the user's screen."""
+    """Run `main` as a separate process. Library warnings are not shown to the user."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     end = LightEnd()

@@ -1,8 +1,8 @@
-"""Text from elsewhere as a terminal may show it: nothing in it is a command to the terminal."""
+"""Make foreign text safe to show on a terminal, without control sequences."""
 
 
 def printable(text: str) -> str:
-    """The text with every control character, escape and direction mark written out."""
+    """Return the text with every control character, escape and direction mark escaped."""
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text
     )

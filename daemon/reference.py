@@ -1,8 +1,8 @@
-"""The reference pages of docs/, written from the code: commands, configuration, drivers.
+"""Write the reference pages of docs/ from the code: commands, configuration, drivers, messages.
 
     python -m dehyst.daemon.reference docs
 
-tests/daemon/test_reference.py fails where the pages are not what this writes.
+tests/daemon/test_reference.py fails if the pages differ from what this writes.
 """
 
 import argparse
@@ -32,7 +32,7 @@ HEAD = "| {} | allowed | default | unit | meaning |\n|---|---|---|---|---|"
 
 
 def write_references(folder: Path) -> list[Path]:
-    """Write every page into the folder; their paths."""
+    """Write every page into the folder; return their paths."""
     written = []
     for name, text in pages().items():
         path = folder / name
@@ -42,7 +42,7 @@ def write_references(folder: Path) -> list[Path]:
 
 
 def pages() -> dict[str, str]:
-    """Each page's text by its file name."""
+    """Return each page's text by file name."""
     return {
         "reference-commands.md": refer_commands(),
         "reference-configuration.md": refer_configuration(),
@@ -52,7 +52,7 @@ def pages() -> dict[str, str]:
 
 
 def refer_messages() -> str:
-    """Every message of the bus: fields, columns, flags, states and codes by number."""
+    """Describe every message of the bus: fields, flags, states and codes."""
     lines = [
         "# Messages on the bus",
         "",
@@ -117,7 +117,7 @@ def _default(value: Any) -> str:
 
 
 def _type_words(kind: Any) -> str:
-    """A field's type for people who do not write Python."""
+    """Describe a field's type for readers who do not know Python."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         return f"map ({kind.__name__})"
     origin, args = get_origin(kind), get_args(kind)
@@ -136,7 +136,7 @@ def _type_words(kind: Any) -> str:
 
 
 def comments_of(numbers: Any) -> dict[str, str]:
-    """The comment behind each value of an enumeration."""
+    """Return the comment after each value of an enumeration, by name."""
     found = {}
     for line in inspect.getsource(numbers).splitlines():
         name, _, rest = line.strip().partition(" = ")
@@ -146,7 +146,7 @@ def comments_of(numbers: Any) -> dict[str, str]:
 
 
 def refer_commands() -> str:
-    """Every command with its arguments, and the exit status that its help states."""
+    """Describe every command with its arguments and the exit status that its help states."""
     parsers = build_whole_parser().commands
     lines = [
         "# Commands",
@@ -169,7 +169,7 @@ def refer_commands() -> str:
 
 
 def refer_configuration() -> str:
-    """Every section and key of `stage.toml`."""
+    """Describe every section and key of `stage.toml`."""
     lines = [
         "# Configuration",
         "",
@@ -189,7 +189,7 @@ def refer_configuration() -> str:
 
 
 def refer_drivers() -> str:
-    """The settings of the drivers that come with dehyst."""
+    """Describe the settings of the drivers that come with dehyst."""
     lines = [
         "# Drivers",
         "",
@@ -211,7 +211,7 @@ def _key_row(key: SettingKey) -> str:
 
 
 def _row(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
-    """One argument; "" for those that are hidden, and --help."""
+    """Return the table row of one argument; "" for hidden arguments and --help."""
     if action.help is argparse.SUPPRESS or "--help" in action.option_strings:
         return ""
     takes = _takes(action)

@@ -1,6 +1,6 @@
-"""`dehyst setup`: from two plugged-in units to a validated model, step by step.
+"""`dehyst setup`: lead from two plugged-in units to a validated model, step by step.
 
-A sequence over what is there already: drivers, `acquire`, the drive's design, `identify`,
-`validate`, `invert`. steps.py is the table of steps; journal.py keeps what was done, so that each
-can be repeated and all can be resumed.
+The steps use existing parts: drivers, `acquire`, drive design, `identify`, `validate`, `invert`.
+steps.py holds the table of steps; journal.py records what was done, so that each step can be
+repeated and an interrupted set-up resumed.
 """

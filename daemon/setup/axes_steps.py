@@ -1,7 +1,7 @@
-"""The steps of a set-up of several axes: those of steps.py, by the same names, for all axes.
+"""The steps of a set-up of several axes: the steps of steps.py, with the same names, for all axes.
 
-One configuration with [axis.x], [axis.y], ...; a model, a report, a validation and a comparison for
-each axis. A step's result has `axes`, with what came of each.
+They make one configuration with [axis.x], [axis.y], ..., and a model, a report, a validation and a
+comparison for each axis. A step's result has `axes`, with the result of each axis.
 """
 
 import json
@@ -32,13 +32,14 @@ from dehyst.models.errors import BadInput
 
 
 def together(axes: Mapping[str, Result], more: str = "") -> Result:
-    """The result of a step that did something with each axis."""
+    """Combine the axes' results into the result of a step. more: a further line of its words."""
     lines = [f"{axis}: {one['words']}" for axis, one in axes.items()]
     return {"words": "\n".join([*lines, more] if more else lines), "axes": dict(axes)}
 
 
 def ask_limits_of_all(bench: Workbench) -> Result:
-    """As for one axis, the same for all; as they stand where the configuration is the user's."""
+    """Ask for one set of limits for all axes; if the user wrote the configuration, take its
+    limits."""
     if not bench.has_own_config():
         return ask_limits(bench)
     return together(
@@ -51,7 +52,8 @@ def ask_limits_of_all(bench: Workbench) -> Result:
 
 
 def write_axes_configuration(bench: Workbench) -> Result:
-    """The rate that the units sustain with all axes driven, and the file with comments."""
+    """Choose a rate that the units sustain with all axes driven, and write the configuration with
+    comments."""
     if bench.has_own_config():
         configs = bench.configs()
         for axis, config in configs.items():
@@ -89,13 +91,14 @@ def _text_of(bench: Workbench, rate_hz: float) -> str:
             f'[axis.{axis}.sensor]\ndriver = "{gauge["driver"]}"\n'
             f"[axis.{axis}.sensor.settings]\n"
         )
-        # texts of TOML are those of JSON
+        # JSON strings are valid TOML strings
         text += "".join(f"{k} = {json.dumps(v)}\n" for k, v in settings_of_unit(gauge).items())
     return text
 
 
 def exercise_axes_gently(bench: Workbench) -> Result:
-    """Small loops of one axis after the other: whose gauge is which? Then all of them, fully."""
+    """Move one axis after the other in small loops to find which gauge belongs to which axis; then
+    move all axes through their full ranges."""
     owners = moving_axes.find_owners(bench)
     wrong = [axis for axis, owner in owners.items() if axis != owner]
     words = ", ".join(f"{axis} moves the gauge of {owners[axis]}" for axis in wrong)
@@ -114,7 +117,7 @@ def exercise_axes_gently(bench: Workbench) -> Result:
 
 
 def identify_models(bench: Workbench) -> Result:
-    """A model of each axis, with what the others bring to it, and its report."""
+    """Identify a model of each axis, including the other axes' influence, and write its report."""
     axes = {}
     for axis, config in bench.configs().items():
         found = identify(bench.recording("record", axis))
@@ -132,7 +135,8 @@ def identify_models(bench: Workbench) -> Result:
 
 
 def validate_models(bench: Workbench) -> Result:
-    """How well each predicts a recording with another drive, all axes together."""
+    """Check how well each model predicts a recording with another drive, all axes moving
+    together."""
     fresh = moving_axes.record_fresh(bench, FRESH)
     axes = {}
     for axis, kept in fresh.items():
@@ -154,7 +158,7 @@ def validate_models(bench: Workbench) -> Result:
 
 
 def offer_axes_service(bench: Workbench) -> Result:
-    """What to type next; nothing is installed."""
+    """Print the next commands to type; install nothing."""
     return say_what_next(
         bench,
         " ".join(str(bench.model_path_of(axis)) for axis in bench.axes),

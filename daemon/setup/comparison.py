@@ -1,6 +1,7 @@
-"""The comparison at the end of a set-up: a sine with a linear gain, and with the model's inverse.
+"""The comparison at the end of a set-up: a sine with a linear gain and with the model's inverse.
 
-Open loop, through the drivers alone; neither drive leaves the limits, so nothing is clipped.
+Both are played open loop, directly through the drivers. Neither drive leaves the limits, so nothing
+is clipped.
 """
 
 import math
@@ -25,7 +26,8 @@ from dehyst.models.recording import Floats, Recording
 
 @dataclass(frozen=True)
 class SinePlan:
-    """t_s: (N,); target: (N,) [unit]; volts by name, (N,) each; f_hz: of the sine."""
+    """A sine to play. t_s: (N,) times; target: (N,) [unit]; volts: (N,) drives by name [V]; f_hz:
+    frequency of the sine."""
 
     t_s: Floats
     target: Floats
@@ -35,7 +37,7 @@ class SinePlan:
 
     @property
     def stroke(self) -> float:
-        """Peak to peak."""
+        """Peak-to-peak amplitude of the target [unit]."""
         return float(np.ptp(self.target))
 
 
@@ -44,7 +46,8 @@ PICTURE = "tracking.png"
 
 
 def plan_sine(bench: Workbench) -> SinePlan:
-    """A sine over most of the reach, with a linear gain and with the inverse of the model."""
+    """Plan a sine over most of the reachable range, with a linear gain and with the model's
+    inverse."""
     config, model = bench.config(), load_model(bench.model_path)
     linear = plan_linear(config, model, bench.recording("record"), bench.wishes.band_hz)
     return with_inverse(linear, config, model, {})
@@ -53,8 +56,8 @@ def plan_sine(bench: Workbench) -> SinePlan:
 def plan_linear(
     config: Config, model: Model, one: Recording, band_hz: float | None, pace: float = 1.0
 ) -> SinePlan:
-    """The sine with the gain of a recording alone, within limits and the rates that the model has
-    seen. pace: as a share of the fastest that may be."""
+    """Plan the sine with the linear gain of a recording, within the limits and the rates for which
+    the model is valid. pace: frequency as a share of the highest allowed one."""
     limits, gain_v = config.limits, config.actuator.gain
     assert one.displacement is not None
     good = ~(one.missing_drive | one.missing_displacement)
@@ -76,8 +79,8 @@ def plan_linear(
 def with_inverse(
     plan: SinePlan, config: Config, model: Model, others: Mapping[str, Floats]
 ) -> SinePlan:
-    """The plan, and the voltages of the model's inverse for its target. others: columns of what
-    other axes do meanwhile."""
+    """Return the plan with the voltages of the model's inverse added. others: columns with the
+    simultaneous motion of other axes."""
     limits, gain_v = config.limits, config.actuator.gain
     inverse = invert(
         model,
@@ -92,7 +95,7 @@ def with_inverse(
 
 
 def describe_sine(bench: Workbench) -> str:
-    """What `track_sine` moves."""
+    """Describe the motion of `track_sine`."""
     plan = plan_sine(bench)
     low = min(float(v.min()) for v in plan.volts.values())
     high = max(float(v.max()) for v in plan.volts.values())
@@ -104,7 +107,7 @@ def describe_sine(bench: Workbench) -> str:
 
 
 def track_sine(bench: Workbench) -> dict[str, Any]:
-    """Play both and measure; the picture."""
+    """Play both drives, measure their errors and draw the picture."""
     plan, rate_hz = plan_sine(bench), bench.config().loop.rate_hz
     played = {}
     for name, volts in plan.volts.items():
@@ -119,13 +122,14 @@ def track_sine(bench: Workbench) -> dict[str, Any]:
 
 
 def stem_of(name: str) -> str:
-    """What a recording of the comparison is called."""
+    """Return the file stem of a recording of the comparison."""
     return f"sine-{name.replace(' ', '-')}"
 
 
 def play_in_time(once: Callable[[], Recording], samples: int) -> tuple[Recording, float]:
-    """The run with the fewest late samples, of as many as it takes to have hardly any, and their
-    share: where the machine stands still, so does the voltage, and the error is not the model's."""
+    """Repeat a run until it has hardly any late samples, at most TUNING.attempts times; return the
+    run with the fewest and their share. While the machine is stopped, so is the voltage, and the
+    error is not the model's."""
     runs = []
     for _ in range(TUNING.attempts):
         found = once()
@@ -141,9 +145,9 @@ def summarise_comparison(
     rate_hz: float,
     picture: Path,
 ) -> dict[str, Any]:
-    """What came of it, and the picture. played: by name, the recording and its share of late
-    samples."""
-    from dehyst.daemon.report import tracking  # matplotlib takes its time
+    """Return the step's result and draw the picture. played: by name, the recording and its share
+    of late samples."""
+    from dehyst.daemon.report import tracking  # importing matplotlib takes long
     from dehyst.daemon.report.plotting import draw_side_by_side
 
     before, after = (
@@ -179,11 +183,12 @@ def summarise_comparison(
 
 
 def judged(plan: SinePlan, found: Recording, rate_hz: float) -> tuple[Floats, Floats, Floats]:
-    """(t_s, target, measured) of the cycles that are judged, with the gauge's zero set in the cycle
-    before them: the place is the trim's and `dehyst zero`'s matter, here it is the shape.
+    """Return (t_s, target, measured) of the cycles that are judged, with the gauge's zero set in
+    the cycle before them: the comparison judges the shape; the mean position is corrected by the
+    trim and `dehyst zero`.
 
-    The reading of a sample belongs to the voltage written at the sample before it, and so to that
-    sample's target.
+    The reading of a sample is compared with the target of the sample before it, whose voltage was
+    in effect.
     """
     assert found.displacement is not None
     written = np.round(found.t_s * rate_hz).astype(np.int64)[:-1]

@@ -1,4 +1,4 @@
-"""What a set-up has done so far: one JSON file in its folder, written after every step."""
+"""Record what a set-up has done: one JSON file in its folder, written after every step."""
 
 import json
 from datetime import datetime
@@ -15,7 +15,7 @@ LARGEST_BYTES = 1 << 20
 
 
 class Journal:
-    """Steps by name, in the order in which they were done: when, with which options, the result."""
+    """The finished steps by name, in order, each with its time, options and result."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / NAME
@@ -41,29 +41,29 @@ class Journal:
         return steps
 
     def done(self, step: str) -> bool:
-        """Was it done?"""
+        """Return True if the step is done."""
         return step in self._steps
 
     def when(self, step: str) -> str:
-        """Date and time at which it was."""
+        """Return the date and time at which the step was done."""
         return str(self._steps[step]["done"])
 
     def options(self, step: str) -> dict[str, Any]:
-        """The options that it was done with."""
+        """Return the options with which the step was done."""
         return dict(self._steps[step]["options"])
 
     def result(self, step: str) -> dict[str, Any]:
-        """What came of it."""
+        """Return the step's result."""
         return dict(self._steps[step]["result"])
 
     def keep(self, step: str, options: dict[str, Any], result: dict[str, Any]) -> None:
-        """Write down that it is done. Raises BadInput where that cannot be written."""
+        """Record a step as done. Raises BadInput if the file cannot be written."""
         done = datetime.now().isoformat(sep=" ", timespec="seconds")
         self._steps[step] = {"done": done, "options": options, "result": result}
         self._write()
 
     def forget(self, steps: list[str]) -> None:
-        """These are to be done again."""
+        """Remove these steps, so that they are done again."""
         if any(step in self._steps for step in steps):
             self._steps = {k: v for k, v in self._steps.items() if k not in steps}
             self._write()

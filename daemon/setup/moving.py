@@ -1,7 +1,7 @@
-"""The steps that move the stage: gentle loops and recordings (the comparison: comparison.py).
+"""The steps that move the stage: gentle loops and recordings (comparison.py has the comparison).
 
-Each comes as two functions: what it will move and how far, in words, and the doing. Every drive
-is checked against the limits as a whole before anything moves (dehyst.daemon.acquire.one_axis).
+Each step has two functions: one describes what will move and how far, the other moves it. Each
+whole drive is checked against the limits before anything moves (dehyst.daemon.acquire.one_axis).
 """
 
 import math
@@ -22,27 +22,28 @@ from dehyst.models.recording import Floats, Recording
 
 @dataclass(frozen=True)
 class Tuning:
-    """tests/daemon/setup/test_emulated.py holds what comes of these; no benchmark has set them."""
+    """Parameters of the motion. tests/daemon/setup/test_emulated.py checks their effect; no
+    benchmark has set them."""
 
     gentle_shares: tuple[float, ...] = (0.1, 1.0)  # of the range, one recording each
-    gentle_loop_s: float = 4.0  # of one loop through the whole range, longer where slew asks it
+    gentle_loop_s: float = 4.0  # of one loop through the whole range, longer if slew requires it
     gentle_slew: float = 0.25  # of the slew limit
     loops: int = 2
-    follows: float = 0.9  # correlation of gauge and drive: less, and they do not belong together
+    follows: float = 0.9  # least correlation of a gauge and the drive of its axis
     most_missing: float = 0.01  # of the readings
     seconds: float = 20.0  # of each recording
-    band_hz: float = 1.0  # fastest motion through the range; less where rate or slew allow less
-    around: tuple[float, float] = (0.5, 1.5)  # of it: the sines of a recording
+    band_hz: float = 1.0  # fastest motion through the range; less if rate or slew require it
+    around: tuple[float, float] = (0.5, 1.5)  # times band_hz: band of a recording's sines
     sines: int = 2
     samples_a_period: float = 24.0
-    exercise_s: float = 5.0  # before each recording: what has rested creeps
+    exercise_s: float = 5.0  # before each recording: a stage that has rested creeps
     cycles: int = 6  # of the comparison
-    zero_from: int = 2  # cycles before those that are judged; in the last of them the zero is set
-    share: float = 0.94  # of what can be reached, in the comparison
+    zero_from: int = 2  # cycles before the judged ones; the last of them sets the gauge's zero
+    share: float = 0.94  # of the reachable range, in the comparison
     slew_share: float = 0.5  # of the slew limit, the most that the comparison may need
-    attempts: int = 3  # of the comparison, where the machine was too busy for it
-    most_late: float = 0.002  # of the samples: more, and it is done again
-    spare: float = 0.1  # of the fastest rate that the model has seen
+    attempts: int = 3  # at the comparison, if the machine is too busy
+    most_late: float = 0.002  # of the samples; if more are late, the comparison is repeated
+    spare: float = 0.1  # margin to the fastest rate for which the model is valid
 
 
 TUNING = Tuning()
@@ -52,7 +53,7 @@ TUNING = Tuning()
 
 
 def describe_gentle(bench: Workbench) -> str:
-    """What `exercise_gently` moves."""
+    """Describe the motion of `exercise_gently`."""
     config = bench.config()
     now_v, spec = bench.output_now(config)
     limits = config.limits
@@ -68,7 +69,8 @@ def describe_gentle(bench: Workbench) -> str:
 
 
 def exercise_gently(bench: Workbench) -> dict[str, Any]:
-    """A few slow loops, small ones first, and does the gauge follow? Raises NotNow where not."""
+    """Play a few slow loops, small ones first, and check that the gauge follows. Raises NotNow if
+    it does not."""
     config = bench.config()
     gains: list[float] = []
     for share in TUNING.gentle_shares:
@@ -87,8 +89,8 @@ def exercise_gently(bench: Workbench) -> dict[str, Any]:
 
 
 def check_gauge_follows(recording: Recording, span_v: float) -> float:
-    """The slope of gauge over drive [displacement unit / V]. Raises NotNow where the gauge does not
-    show that it sits on the stage which the amplifier drives."""
+    """Return the slope of gauge over drive [displacement unit / V]. Raises NotNow if the gauge does
+    not follow the drive, so may not be on the stage that the amplifier drives."""
     drive, y = recording.drive, recording.displacement
     assert y is not None
     good = ~(recording.missing_drive | recording.missing_displacement)
@@ -118,7 +120,8 @@ def _gentle_period_s(config: Config, share: float) -> float:
 
 
 def gentle_loops(config: Config, share: float) -> tuple[Floats, Floats]:
-    """(N,) times and volts of slow loops through this share of the range, from its low end."""
+    """Return (N,) times and volts of slow loops through this share of the range, from its low
+    end."""
     limits, period_s = config.limits, _gentle_period_s(config, share)
     t_s = np.arange(0.0, TUNING.loops * period_s, 1.0 / config.loop.rate_hz)
     half = 0.5 * share * (limits.max_v - limits.min_v)
@@ -129,7 +132,7 @@ def gentle_loops(config: Config, share: float) -> tuple[Floats, Floats]:
 
 
 def drive_for(config: Config, wishes: Wishes, seed: int) -> Excitation:
-    """The drive of a recording; with a seed above 0 one of other sines, and one sine more."""
+    """Design the drive of a recording; a seed above 0 gives other sines, and one more."""
     limits, rate_hz = config.limits, config.loop.rate_hz
     slowest, fastest = TUNING.around
     by_slew = limits.slew_v_per_s / (fastest * math.pi * (limits.max_v - limits.min_v))
@@ -148,7 +151,7 @@ def drive_for(config: Config, wishes: Wishes, seed: int) -> Excitation:
 
 
 def describe_drive(bench: Workbench, seed: int, exercise_s: float) -> str:
-    """What recording with the drive of this seed moves."""
+    """Describe the motion of a recording with the drive of this seed."""
     config = bench.config()
     drive, limits = drive_for(config, bench.wishes, seed), config.limits
     sines = ", ".join(f"{f:.3g}" for f in drive.frequencies_hz)
@@ -161,7 +164,8 @@ def describe_drive(bench: Workbench, seed: int, exercise_s: float) -> str:
 
 
 def record_drive(bench: Workbench, seed: int, exercise_s: float, stem: str) -> dict[str, Any]:
-    """Play the drive of this seed and record; does it excite enough? Raises NotNow where not."""
+    """Play the drive of this seed and record. Raises NotNow if it excites too little to identify a
+    model."""
     drive = drive_for(bench.config(), bench.wishes, seed)
     found = bench.play(drive.t_s, drive.u, exercise_s, "recording")
     path = bench.keep(found, stem)
@@ -171,8 +175,8 @@ def record_drive(bench: Workbench, seed: int, exercise_s: float, stem: str) -> d
 def judge_recording(
     found: Recording, path: Path, rate_hz: float, identified: bool = True
 ) -> dict[str, Any]:
-    """What a recording, written to this path, is worth. Raises NotNow where a model is to be
-    identified from it, and it excites too little."""
+    """Return the step's result for a recording, written to this path. identified: a model will be
+    identified from it; raises NotNow if it then excites too little."""
     covered = measure_coverage([found])
     if covered.missing and identified:
         raise NotNow(

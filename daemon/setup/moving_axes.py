@@ -1,6 +1,6 @@
-"""The steps that move several axes: gentle loops one after the other, recordings, the comparison.
+"""The steps that move several axes: gentle loops of each axis in turn, recordings, comparison.
 
-Every drive is checked against each axis' limits as a whole before anything moves.
+Each whole drive is checked against the axis' limits before anything moves.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,12 +32,13 @@ Result = dict[str, Any]
 
 
 def range_in_words(config: Config) -> str:
-    """The limits in words."""
+    """Return the voltage limits as text."""
     return f"{config.limits.min_v:g} to {config.limits.max_v:g} V"
 
 
 def for_each(texts: Mapping[str, str]) -> str:
-    """The same once for all where it is the same, else for each axis."""
+    """Return the axes' texts as one: a single "each ..." if they are all equal, otherwise one per
+    axis."""
     said = set(texts.values())
     if len(said) == 1:
         return f"each {said.pop()}"
@@ -48,7 +49,7 @@ def for_each(texts: Mapping[str, str]) -> str:
 
 
 def describe_gentle_axes(bench: Workbench) -> str:
-    """What `exercise_gently` moves."""
+    """Describe the motion of the step that exercises the axes gently."""
     now, ranges, small = [], {}, {}
     for axis, config in bench.configs().items():
         now.append(f"{axis} {bench.output_now(config)[0]:.2f} V")
@@ -64,8 +65,8 @@ def describe_gentle_axes(bench: Workbench) -> str:
 
 
 def small_loops(configs: Sequence[Config]) -> tuple[Floats, Floats, list[slice]]:
-    """(N,) times, (N, axes) volts of small loops of one axis after the other while the others
-    stand at their low end, and which rows are whose."""
+    """Return small loops of one axis after the other, with the other axes at their low ends: (N,)
+    times, (N, axes) volts, and the rows in which each axis moves."""
     blocks = [gentle_loops(config, TUNING.gentle_shares[0])[1] for config in configs]
     ends = np.cumsum([block.size for block in blocks])
     rows = [slice(int(end) - b.size, int(end)) for end, b in zip(ends, blocks, strict=True)]
@@ -79,8 +80,9 @@ def small_loops(configs: Sequence[Config]) -> tuple[Floats, Floats, list[slice]]
 def whose_gauges(
     found: Mapping[str, Recording], windows_s: Sequence[tuple[float, float]]
 ) -> dict[str, str]:
-    """For each axis the axis whose gauge reader moves most while it moves. windows_s: when each
-    was moved, (begin, end). Raises NotNow where an axis has none that follows, or two have one."""
+    """Return for each axis the axis whose gauge reading changes most while the former moves.
+    windows_s: (begin, end) of each axis' motion. Raises NotNow if no gauge follows an axis, or if
+    two axes have the same gauge."""
     owners: dict[str, str] = {}
     for axis, (begin, end) in zip(found, windows_s, strict=True):
         rows = (found[axis].t_s > begin) & (found[axis].t_s < end)
@@ -107,7 +109,7 @@ def whose_gauges(
 
 
 def check_follows(axis: str, recording: Recording, span_v: float) -> float:
-    """As `check_gauge_follows`, with the axis' name."""
+    """As `check_gauge_follows`, with the axis' name in the error."""
     try:
         return check_gauge_follows(recording, span_v)
     except NotNow as error:
@@ -115,7 +117,8 @@ def check_follows(axis: str, recording: Recording, span_v: float) -> float:
 
 
 def find_owners(bench: Workbench) -> dict[str, str]:
-    """Small loops of one axis after the other; see `whose_gauges`."""
+    """Play small loops of one axis after the other and return whose gauge is whose; see
+    `whose_gauges`."""
     configs = list(bench.configs().values())
     t_s, volts, rows = small_loops(configs)
     text = f"loops of {100 * TUNING.gentle_shares[0]:g} % of the range, one axis after the other"
@@ -127,7 +130,7 @@ def find_owners(bench: Workbench) -> dict[str, str]:
 
 
 def exercise_fully(bench: Workbench) -> Result:
-    """Slow loops of all axes together through their whole ranges, each at its own pace."""
+    """Play slow loops of all axes together through their full ranges, each at its own speed."""
     configs = bench.configs()
     blocks = []
     for pace, config in zip(paces(len(configs)), configs.values(), strict=True):
@@ -152,12 +155,12 @@ def exercise_fully(bench: Workbench) -> Result:
 
 
 def paces(count: int) -> list[float]:
-    """How fast each axis goes, as a share: no two stay in step."""
+    """Return each axis' relative speed; all differ, so that no two axes stay in phase."""
     return [PACES[k % len(PACES)] ** (1 + k // len(PACES)) for k in range(count)]
 
 
 def stack_columns(blocks: Sequence[Floats]) -> Floats:
-    """(N, axes) of columns of several lengths; the shorter stay at their last value."""
+    """Stack columns of different lengths into (N, axes); shorter ones repeat their last value."""
     longest = max(block.size for block in blocks)
     return np.stack([np.pad(b, (0, longest - b.size), mode="edge") for b in blocks], axis=1)
 
@@ -166,7 +169,8 @@ def stack_columns(blocks: Sequence[Floats]) -> Floats:
 
 
 def drives_for(bench: Workbench, seed: int) -> tuple[Floats, Floats]:
-    """(N,) times and (N, axes) volts; with a seed above 0 each axis has sines of its own."""
+    """Return (N,) times and (N, axes) volts of a recording's drive; with a seed above 0, each axis
+    has its own sines."""
     drives = []
     for k, config in enumerate(bench.configs().values()):
         drives.append(drive_for(config, bench.wishes, seed + k * (seed > 0)))
@@ -175,7 +179,7 @@ def drives_for(bench: Workbench, seed: int) -> tuple[Floats, Floats]:
 
 
 def describe_record(bench: Workbench) -> str:
-    """What `record_axes_in_turn` moves."""
+    """Describe the motion of `record_axes_in_turn`."""
     t_s, volts = drives_for(bench, 0)
     gains = np.array([config.actuator.gain for config in bench.configs().values()])
     whole_s = plan_axes(list(bench.configs().values()), t_s, volts / gains)[0][-1]
@@ -186,7 +190,7 @@ def describe_record(bench: Workbench) -> str:
 
 
 def describe_fresh(bench: Workbench, seed: int) -> str:
-    """What `record_fresh` moves."""
+    """Describe the motion of `record_fresh`."""
     t_s, volts = drives_for(bench, seed)
     return (
         f"moves: {TUNING.exercise_s:g} s of full loops, then {t_s[-1]:.3g} s of all axes together, "
@@ -206,7 +210,8 @@ def _within(bench: Workbench, volts: Floats) -> str:
 
 
 def record_axes_in_turn(bench: Workbench) -> Result:
-    """One axis after the other, then together. Raises NotNow where that excites too little."""
+    """Record one axis after the other, then all together. Raises NotNow if the drive excites too
+    little."""
     t_s, volts = drives_for(bench, 0)
     configs = list(bench.configs().values())
     gains = np.array([config.actuator.gain for config in configs])
@@ -223,7 +228,7 @@ def record_axes_in_turn(bench: Workbench) -> Result:
 
 
 def record_fresh(bench: Workbench, seed: int) -> Result:
-    """All axes together, each with a drive that no model has seen."""
+    """Record all axes together, each with a drive that was not used to identify its model."""
     t_s, volts = drives_for(bench, seed)
     found = bench.play_axes(t_s, volts, TUNING.exercise_s, "recording")
     return _judged(bench, found, "fresh", identified=False)
@@ -243,8 +248,8 @@ def _judged(
 
 
 def plan_sines(bench: Workbench) -> dict[str, SinePlan]:
-    """A sine of each axis, all together, each at its own pace; the inverse knows the others'
-    targets and, where a model reads them, their drives."""
+    """Plan a sine for each axis, all moving together, each at its own speed. The inverse knows the
+    other axes' targets and, if a model needs them, their drives."""
     configs, plans = bench.configs(), {}
     models = {axis: load_model(bench.model_path_of(axis)) for axis in configs}
     for pace, (axis, config) in zip(paces(len(configs)), configs.items(), strict=True):
@@ -275,7 +280,7 @@ def _stretched(plan: SinePlan, t_s: Floats) -> SinePlan:
 
 
 def describe_sines(bench: Workbench) -> str:
-    """What `track_sines` moves."""
+    """Describe the motion of `track_sines`."""
     texts = []
     for axis, plan in plan_sines(bench).items():
         low = min(float(v.min()) for v in plan.volts.values())
@@ -291,7 +296,8 @@ def describe_sines(bench: Workbench) -> str:
 
 
 def track_sines(bench: Workbench) -> Result:
-    """Play both and measure; a picture for each axis."""
+    """Play the sines with linear gains and with the inverses, measure the errors, and draw a
+    picture for each axis."""
     plans, configs = plan_sines(bench), bench.configs()
     first = next(iter(plans.values()))
     played: dict[str, dict[str, tuple[Recording, float]]] = {axis: {} for axis in plans}

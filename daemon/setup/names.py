@@ -1,4 +1,4 @@
-"""The steps' names, for the command line: what they do is imported when it is done."""
+"""The steps' names, for the command line, which imports the steps themselves only when needed."""
 
 NAMES = (
     "units",

@@ -1,4 +1,4 @@
-"""What a guided set-up asks, and what it takes for an answer where nobody is there to ask."""
+"""Ask the questions of the guided set-up, or take default answers if nobody can be asked."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from dehyst.models.errors import BadInput, NotNow
 
 @dataclass(frozen=True)
 class Wishes:
-    """What the command line gave; None or (): nothing, so it is asked for, measured or a default.
+    """Values given on the command line; None or (): not given, so asked for, measured or default.
 
-    ports: that may be asked who they are; axis: of the amplifier; axes: of it, where there are
-    several; range_v: least and largest
-    voltage the stage may see; slew_v_per_s; name: of the controller; rate_hz: of the loop; band_hz:
-    fastest motion to be identified; seconds: of each recording."""
+    ports: serial ports that may be probed; axis: the amplifier's axis; axes: its axes, if there are
+    several; range_v: lowest and highest voltage for the stage [V]; slew_v_per_s: largest rate of
+    the voltage; name: the controller's name; rate_hz: loop rate; band_hz: fastest motion to
+    identify; seconds: duration of each recording."""
 
     ports: tuple[str, ...] = ()
     axis: str | None = None
@@ -31,8 +31,8 @@ class Wishes:
 
 
 class UserPrompts:
-    """yes: take defaults, and go on without asking. console: where it asks; answers: where they
-    are typed, None: the terminal."""
+    """Prompts for the user. yes: take defaults and continue without asking; console: shows the
+    questions; answers: stream from which answers are read, None: the terminal."""
 
     def __init__(self, yes: bool, console: Console, answers: TextIO | None = None) -> None:
         self.yes, self._console, self._answers = yes, console, answers
@@ -40,8 +40,8 @@ class UserPrompts:
     def number(
         self, text: str, option: str, low: float, high: float, default: float | None = None
     ) -> float:
-        """A number from low to high. option: what gives it on the command line. Raises BadInput
-        where nobody is asked and there is no default."""
+        """Ask for a number from low to high. option: the command-line option that gives it. Raises
+        BadInput if nobody can be asked and there is no default."""
         if self.yes:
             if default is None:
                 raise BadInput(f"{text}: give it with {option}; --yes assumes no voltage")
@@ -57,7 +57,8 @@ class UserPrompts:
         return self._until(ask, lambda value: low <= value <= high, f"from {low:g} to {high:g}")
 
     def choice(self, text: str, option: str, choices: list[str]) -> str:
-        """One of these. Raises BadInput where nobody is asked and there are several."""
+        """Ask for one of the choices. Raises BadInput if nobody can be asked and there are
+        several."""
         if len(choices) == 1:
             return choices[0]
         if self.yes:
@@ -67,7 +68,7 @@ class UserPrompts:
         return str(asked(default=choices[0], stream=self._answers))
 
     def go_on(self, step: str) -> None:
-        """Raise NotNow where the user does not want this step now."""
+        """Ask whether to go on; raise NotNow if the user declines this step."""
         if self.yes:
             return
         asked = Confirm("go on?", console=self._console)

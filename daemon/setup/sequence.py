@@ -1,4 +1,4 @@
-"""Do the steps of a set-up that are not done yet, one after another."""
+"""Run the steps of a set-up that are not done yet, in order."""
 
 from typing import Any
 
@@ -9,20 +9,20 @@ from dehyst.daemon.setup.workbench import Workbench
 
 
 def options_of(bench: Workbench, step: Step) -> dict[str, Any]:
-    """Those that were given, as JSON holds them."""
+    """Return the step's options that were given, in the form in which JSON stores them."""
     given = {name: getattr(bench.wishes, name) for name in step.options}
     as_lists = {k: list(v) if isinstance(v, tuple) else v for k, v in given.items()}
     return {k: v for k, v in as_lists.items() if v not in (None, [])}
 
 
 def steps_of(bench: Workbench) -> tuple[Step, ...]:
-    """The steps, of one axis or of several: the names are the same."""
+    """Return the steps for one axis or for several; their names are the same."""
     return AXES_STEPS if bench.axes else STEPS
 
 
 def first_to_do(bench: Workbench, repeat_from: str | None) -> int:
-    """Place of the first step that is not done, or was done with other options, or is to
-    be repeated."""
+    """Return the index of the first step that is not done, was done with other options, or is to be
+    repeated; len(NAMES) if there is none."""
     for number, step in enumerate(steps_of(bench)):
         if step.name == repeat_from or not bench.journal.done(step.name):
             return number
@@ -33,12 +33,12 @@ def first_to_do(bench: Workbench, repeat_from: str | None) -> int:
 
 
 def do_steps(bench: Workbench, repeat_from: str | None = None, until: str | None = None) -> None:
-    """Do what is to be done, from the first such step on. Raises what a step raises: the journal
-    then holds those before it, and the next call goes on there."""
+    """Run all steps from the first one to do, up to `until`. Raises what a step raises; the journal
+    then contains the steps before it, and the next call resumes there."""
     first = first_to_do(bench, repeat_from)
     bench.journal.forget(list(NAMES[first:]))
     for number, name in enumerate(NAMES):
-        step = steps_of(bench)[number]  # finding the units may tell of several axes
+        step = steps_of(bench)[number]  # the step that finds the units may find several axes
         title = f"{number + 1}. {step.title}"
         if number < first:
             done = bench.journal.result(step.name)["words"]

@@ -25,20 +25,20 @@ from dehyst.drivers.serial_port import list_serial_ports
 from dehyst.models.errors import BadInput, NotNow
 from dehyst.models.identify.validation import Validation
 
-RATE_SHARE = 0.95  # of the rate that leaves these units room for late replies
-MOST_HZ = 1000.0  # of the loop, where units would do more
-FRESH = 1  # seed of the drive that validates; 0 is the one that identifies
+RATE_SHARE = 0.95  # of the rate at which these units still have time for late replies
+MOST_HZ = 1000.0  # highest loop rate, even if the units sustain more
+FRESH = 1  # seed of the drive for validation; 0 is the seed for identification
 
 UNITS_OPTIONS = ("ports", "axis", "axes")
 
 Result = dict[str, Any]
-"""`words`: what came of it; the rest for later steps and for --json."""
+"""Result of a step. `words`: summary for the user; the rest: for later steps and --json."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step. options: the Wishes that it uses: another value repeats it; moves: what it will
-    move and how far; None: nothing."""
+    """One step. options: fields of Wishes that it uses; a changed value repeats the step; moves:
+    describes what will move and how far, None if nothing moves."""
 
     name: str
     title: str
@@ -48,7 +48,7 @@ class Step:
 
 
 def find_units(bench: Workbench) -> Result:
-    """Which unit is where; nothing moves."""
+    """Find the units and their ports; move nothing."""
     if bench.has_own_config():
         return {"words": f"those of the existing {CONFIG}"}
     wishes, known = bench.wishes, known_ports()
@@ -83,8 +83,8 @@ def _axes_asked_for(bench: Workbench) -> tuple[str, ...]:
 def _units_of_axes(
     bench: Workbench, axes: tuple[str, ...], actuator: FoundUnit, gauges: list[FoundUnit]
 ) -> Result:
-    """One amplifier, and a gauge for each axis, for the time being in the order of the ports: the
-    gentle loops show which gauge sits on which axis."""
+    """Describe one amplifier and a gauge for each axis, for now in the order of the ports; the
+    gentle loops show later which gauge belongs to which axis."""
     if not output_of(actuator.driver, axes[0]):
         raise BadInput(f"--axes {','.join(axes)}: a {actuator.driver} has one output; use --axis")
     if len(gauges) < len(axes):
@@ -119,7 +119,7 @@ def _described(unit: FoundUnit) -> dict[str, Any]:
 
 
 def settings_of_unit(unit: dict[str, Any]) -> dict[str, Any]:
-    """Of the driver of a unit that was found; an older journal has the port alone."""
+    """Return the driver settings of a unit that was found; an older journal has only the port."""
     return dict(unit.get("settings") or {"port": unit["port"]})
 
 
@@ -136,7 +136,7 @@ def _one_of(bench: Workbench, units: list[FoundUnit], what: str) -> FoundUnit:
 
 
 def ask_limits(bench: Workbench) -> Result:
-    """The voltages that the stage may see: asked for, never taken from the amplifier."""
+    """Ask for the stage's voltage limits; the amplifier's are never taken instead."""
     if bench.has_own_config():
         limits = bench.config().limits
         low, high, slew = limits.min_v, limits.max_v, limits.slew_v_per_s
@@ -166,7 +166,7 @@ def ask_limits(bench: Workbench) -> Result:
 
 
 def write_configuration(bench: Workbench) -> Result:
-    """The rate that the units sustain, and the file with comments."""
+    """Choose a rate that the units sustain, and write the configuration with comments."""
     if bench.has_own_config():
         config = bench.config()
         check_unopened(config)
@@ -196,7 +196,7 @@ def write_configuration(bench: Workbench) -> Result:
 
 
 def chosen_rate(bench: Workbench) -> float:
-    """Of the loop [Hz]. Raises BadInput where the units do not sustain what is wished."""
+    """Return the loop rate [Hz]. Raises BadInput if the units do not sustain the requested rate."""
     sustained = bench.journal.result("units")["sustained_hz"]
     most_hz = min(RATE_SHARE * sustained, MOST_HZ)
     rate_hz = bench.wishes.rate_hz or 10.0 * (most_hz // 10.0) or most_hz
@@ -209,15 +209,15 @@ def chosen_rate(bench: Workbench) -> float:
 
 
 def rate_found(bench: Workbench, rate_hz: float) -> Result:
-    """What the step says of the rate."""
+    """Return the step's result with the rate."""
     sustained = bench.journal.result("units")["sustained_hz"]
     words = f"{CONFIG}: {rate_hz:g} Hz (up to {sustained:g} Hz leaves time for late replies)"
     return {"words": words, "rate_hz": rate_hz, "sustained_hz": sustained}
 
 
 def replace_configuration(bench: Workbench, text: str) -> None:
-    """Write the file; what it said before is put aside. It names the units that were found, so what
-    an earlier set-up of this name has learned of its units is forgotten."""
+    """Write the configuration and keep the previous one under another name. The new file names the
+    units that were found, so the units known from an earlier set-up of this name are forgotten."""
     if aside := bench.put_aside(bench.config_path, MADE + text):
         bench.say(f"   the previous configuration is now {aside.name}")
     write_text(bench.config_path, MADE + text)
@@ -227,7 +227,7 @@ def replace_configuration(bench: Workbench, text: str) -> None:
 
 
 def identify_model(bench: Workbench) -> Result:
-    """The model and its report."""
+    """Identify the model and write its report."""
     found = identify(bench.recording("record"))
     found.save(bench.model_path)
     found.report(bench.folder / "report.html", MODEL)
@@ -239,7 +239,7 @@ def identify_model(bench: Workbench) -> Result:
 
 
 def validate_model(bench: Workbench) -> Result:
-    """How well it predicts a recording with another drive."""
+    """Check how well the model predicts a recording with another drive."""
     fresh = moving.record_drive(bench, FRESH, moving.TUNING.exercise_s, "fresh")
     bench.say(f"   {fresh['words']}")
     found = validate(bench.model_path, bench.folder / fresh["recording"])
@@ -257,7 +257,8 @@ def validate_model(bench: Workbench) -> Result:
 
 
 def more_than_claimed(found: Validation, model: Path, recording: Path) -> str:
-    """What is said of a model that predicts worse than it claims, with the command to go on by."""
+    """Return the message for a model that predicts worse than it claims, with the command to run
+    next."""
     return (
         f", worse than it claims ({found.claim:.3g} {found.unit} rms); what it lacks: dehyst "
         f"diagnose {recording} --model {model} -o {recording.parent / 'findings'}"
@@ -265,13 +266,14 @@ def more_than_claimed(found: Validation, model: Path, recording: Path) -> str:
 
 
 def offer_service(bench: Workbench) -> Result:
-    """What to type next; nothing is installed."""
+    """Print the next commands to type; install nothing."""
     devices_of(bench.config())
     return say_what_next(bench, str(bench.model_path))
 
 
 def say_what_next(bench: Workbench, models: str, *more: str) -> Result:
-    """The commands that run it. models: their files; more: commands for a running one."""
+    """Print the commands that run the daemon. models: the model files; more: commands for a running
+    daemon."""
     config = bench.config_path
     for line in (
         f"dehyst run --config {config}     # in a terminal; `dehyst watch` in another",

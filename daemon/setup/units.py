@@ -1,4 +1,4 @@
-"""Which units are there: each port is asked by the drivers themselves. Nothing moves."""
+"""Find the connected units by letting the drivers probe each port. Moves nothing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,17 +22,17 @@ from dehyst.drivers.registry import load_actuator, load_sensor
 from dehyst.drivers.serial_port import find_usb_ports
 
 ACTUATOR, PIEZO, SENSOR = ("actuator", "mdt693b"), ("actuator", "kpz101"), ("sensor", "ksg101")
-"""What may be behind a serial port. The units that speak APT are asked first: their question has no
-line end, so an MDT693B takes it for half a command, which its own driver then spoils."""
+"""Units that may be connected to a serial port. Units that speak APT are probed first: their query
+has no line end, so an MDT693B takes it as half a command, which its own driver then discards."""
 WITH_GAUGES = (("actuator", "kpc101"), ("actuator", "bpc303"))
-"""These have a strain gauge beside the output, which the sensor driver of the same name reads."""
+"""Amplifiers with a strain gauge input, which the sensor driver of the same name reads."""
 APT_UNITS = (SENSOR, PIEZO, *WITH_GAUGES)
 ANY_UNIT = (*APT_UNITS, ACTUATOR)
 
 
 @dataclass(frozen=True)
 class FoundUnit:
-    """One unit. kind: "actuator" or "sensor"; spec: as measured just now."""
+    """One unit. kind: "actuator" or "sensor"; spec: its DeviceSpec, measured just now."""
 
     kind: str
     driver: str
@@ -42,23 +42,23 @@ class FoundUnit:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Of its driver: the port, and the serial number where it has one."""
+        """Settings of its driver: the port, and the serial number if it has one."""
         return settings_for(self.port, self.serial)
 
 
 def settings_for(port: str, serial: str) -> dict[str, Any]:
-    """Settings that find a unit and accept no other, as far as it has a serial number."""
+    """Return settings that find a unit and, if it has a serial number, accept no other."""
     return {"port": port} | ({"serial_number": serial} if serial else {})
 
 
 def output_of(driver: str, axis: str) -> dict[str, Any]:
-    """The setting that names the output of an amplifier; none where it has one output alone."""
+    """Return the setting that selects an amplifier's output; {} if it has only one output."""
     settings = getattr(load_actuator(driver), "settings_type", None)
     return {"axis": axis} if "axis" in getattr(settings, "__struct_fields__", ()) else {}
 
 
 def known_ports() -> dict[str, tuple[tuple[str, str], ...]]:
-    """Ports whose USB numbers are those of such a unit, and what is behind each."""
+    """Return the ports with the USB ids of known units, and the units that may be at each."""
     found: dict[str, tuple[tuple[str, str], ...]] = {}
     for ids, units in ((AMPLIFIERS, (ACTUATOR,)), (USB_IDS, APT_UNITS)):
         found |= {port.path: units for port in find_usb_ports(ids)}
@@ -68,8 +68,8 @@ def known_ports() -> dict[str, tuple[tuple[str, str], ...]]:
 def ask_port(
     path: str, axis: str, expected: tuple[tuple[str, str], ...] = ANY_UNIT
 ) -> FoundUnit | None:
-    """Who is at this port; None: none of the expected. Raises DriverError where the port cannot be
-    opened, or the unit is there and cannot be used as it stands."""
+    """Return the unit at this port, or None if it is none of the expected ones. Raises DriverError
+    if the port cannot be opened, or if the unit is there but cannot be used as it is."""
     for kind, driver in expected:
         settings: dict[str, Any] = {"port": path}
         device: Actuator | Sensor
@@ -79,7 +79,7 @@ def ask_port(
             device = load_sensor(driver).from_settings(settings)
         try:
             device.open()
-        except (DeviceTimeout, ProtocolError, ForeignUnit):  # nobody, or a unit of another kind
+        except (DeviceTimeout, ProtocolError, ForeignUnit):  # no unit, or one of another kind
             continue
         finally:
             device.close()
@@ -91,14 +91,14 @@ def ask_port(
 
 
 def units_at(path: str, axis: str, expected: tuple[tuple[str, str], ...]) -> list[FoundUnit]:
-    """As ask_port, and the gauge that the unit has beside its output."""
+    """As ask_port, but return a list, with the unit's own gauge if it has one."""
     unit = ask_port(path, axis, expected)
     return [found for found in (unit, unit and gauge_beside(unit)) if found]
 
 
 def gauge_beside(unit: FoundUnit) -> FoundUnit | None:
-    """The gauge that an amplifier has beside its output; None: it has none, or none is connected.
-    Raises DriverError."""
+    """Return an amplifier's own gauge; None if it has none, or none is connected. Raises
+    DriverError."""
     if (unit.kind, unit.driver) not in WITH_GAUGES:
         return None
     device = load_sensor(unit.driver).from_settings(unit.settings)
@@ -112,8 +112,8 @@ def gauge_beside(unit: FoundUnit) -> FoundUnit | None:
 
 
 def measure_rate(unit: FoundUnit, axes: Sequence[str], gauges: Sequence[FoundUnit]) -> float:
-    """The highest loop rate [Hz] with these axes of an amplifier driven and a gauge for each read,
-    as measured just now. Raises DriverError."""
+    """Return the highest loop rate [Hz] with these axes of an amplifier driven and one gauge per
+    axis read, measured now. Raises DriverError."""
     driver = load_actuator(unit.driver)
     outputs = [driver.from_settings(unit.settings | {"axis": axis}) for axis in axes]
     try:

@@ -1,4 +1,4 @@
-"""What every step of a set-up works with: its folder, its files, and playing a drive."""
+"""Shared tools of the set-up's steps: the folder, its files, and playing a drive."""
 
 import signal
 from collections.abc import Callable, Iterator, Mapping
@@ -28,7 +28,7 @@ MADE = "# Written by `dehyst setup`, which replaces it if its limits, units or r
 
 
 class Workbench:
-    """One set-up. folder: where everything goes; say: one line for the user."""
+    """One set-up. folder: where all files are written; say: prints one line for the user."""
 
     def __init__(
         self,
@@ -43,31 +43,31 @@ class Workbench:
 
     @property
     def name(self) -> str:
-        """The controller's: as wished, else the folder's where it can be one. So two stages of one
-        machine have two names, and each a run folder of its own."""
+        """The controller's name: the given one, otherwise the folder's if it is a valid name,
+        otherwise NAME. So two stages on one machine have different names and run folders."""
         return self.wishes.name or usable_name(self.folder.resolve().name) or NAME
 
     @property
     def config_path(self) -> Path:
-        """The configuration that is used from its step on, by whomever it was written."""
+        """Path of the configuration, whether written by the user or by the set-up."""
         return self.folder / CONFIG
 
     @property
     def model_path(self) -> Path:
-        """The identified model."""
+        """Path of the identified model."""
         return self.folder / MODEL
 
     def model_path_of(self, axis: str) -> Path:
-        """The identified model of one of several axes."""
+        """Path of the identified model of one of several axes."""
         return self.in_folder(MODEL, axis)
 
     def in_folder(self, name: str, axis: str) -> Path:
-        """The file of one of several axes by this name."""
+        """Path of the file with this name for one of several axes."""
         return file_of_axis(self.folder / name, axis)
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """The names of the axes where there are several; none: there is one, without a name."""
+        """The names of the axes if there are several; () for one axis without a name."""
         if self.has_own_config():
             names = load_controller(self.config_path).axis_names
             return names if len(names) > 1 else ()
@@ -76,22 +76,22 @@ class Workbench:
         return tuple(self.journal.result("units").get("axes", ()))
 
     def config(self) -> Config:
-        """As it stands in the file now."""
+        """Load the configuration from its file."""
         return load_config(self.config_path)
 
     def configs(self) -> dict[str, Config]:
-        """Of each of several axes, by its name."""
+        """Load the configuration of each of several axes, by axis name."""
         return {config.axis: config for config in load_controller(self.config_path).axes}
 
     def has_own_config(self) -> bool:
-        """Is the configuration one that the user wrote?"""
+        """Return True if the user wrote the configuration."""
         return self.config_path.exists() and not self.config_path.read_text("utf-8").startswith(
             MADE
         )
 
     def put_aside(self, path: Path, text: str) -> Path | None:
-        """Rename a file that is to be replaced by another text, so that nothing of the user's is
-        lost; its new path, None: it was not there, or says the same."""
+        """Rename a file before it is replaced by another text, so that no user data is lost.
+        Return the new path, or None if the file does not exist or already has this text."""
         if not path.exists() or path.read_text("utf-8") == text:
             return None
         aside = self._free(path.stem, path.suffix)
@@ -102,13 +102,14 @@ class Workbench:
         return next(path for path in names if not path.exists())
 
     def recording(self, step: str, axis: str = "") -> Recording:
-        """What a step recorded, of several axes that of this one."""
+        """Read the recording that a step made; axis: whose, if there are several."""
         result = self.journal.result(step)
         kept = result["axes"][axis] if axis else result
         return read_recording(self.folder / str(kept["recording"]), need_displacement=True)
 
     def output_now(self, config: Config) -> tuple[float, DeviceSpec]:
-        """Where the output stands as far as the unit tells, and what it can do. Moves nothing."""
+        """Return the present output as far as the unit reports it, and the unit's DeviceSpec.
+        Moves nothing."""
         actuator = load_actuator(config.actuator.driver).from_settings(config.actuator.settings)
         try:
             open_known(config, ACTUATOR, actuator)
@@ -117,8 +118,8 @@ class Workbench:
             actuator.close()
 
     def play(self, t_s: Floats, volts: Floats, exercise_s: float, text: str) -> Recording:
-        """Play voltages open loop behind exercise_s of full loops, and record; the output ends
-        where it was. Raises NotNow where that ended early, with what was recorded in a file."""
+        """Play voltages open loop after exercise_s of full loops, and record; the output returns
+        to where it was. Raises NotNow if this ended early; what was recorded is then in a file."""
         config = self.config()
         drive = volts / config.actuator.gain
         with interruptible() as stop, progress_bar(text) as progress:
@@ -133,7 +134,7 @@ class Workbench:
     def play_axes(
         self, t_s: Floats, volts_at: Floats, exercise_s: float, text: str
     ) -> dict[str, Recording]:
-        """As `play`, of volts (N, axes) at the loop's rate: the recording of each axis."""
+        """As `play`, for volts (N, axes) at the loop's rate; return the recording of each axis."""
         configs = list(self.configs().values())
         with interruptible() as stop, progress_bar(text) as progress:
             found, ended = play_axes(configs, t_s, volts_at, "v", exercise_s, progress, stop)
@@ -146,11 +147,11 @@ class Workbench:
         return found
 
     def keep_axes(self, recordings: Mapping[str, Recording], stem: str) -> dict[str, Path]:
-        """As `keep`, of each axis."""
+        """As `keep`, for each axis; return the paths by axis."""
         return {axis: self.keep(one, f"{stem}-{axis}") for axis, one in recordings.items()}
 
     def keep(self, recording: Recording, stem: str) -> Path:
-        """Write a recording under a name that is not taken; the path."""
+        """Write a recording under an unused name; return its path."""
         path = self._free(stem, ".csv")
         assert recording.displacement is not None
         columns = {
@@ -164,7 +165,8 @@ class Workbench:
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], str]]:
-    """Ctrl-C and SIGTERM become a reason to end in order, which the yielded function tells."""
+    """Turn Ctrl-C and SIGTERM into an orderly end: the yielded function returns the reason to end,
+    "" if there is none."""
     stopped: list[int] = []
     numbers = (signal.SIGINT, signal.SIGTERM)
     before: list[Any] = [signal.signal(n, lambda n, _: stopped.append(n)) for n in numbers]

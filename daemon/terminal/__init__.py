@@ -1,1 +1,1 @@
-"""What is drawn on a terminal: live view, progress."""
+"""Output drawn on a terminal: live view, progress."""

@@ -1,4 +1,4 @@
-"""Curves in a terminal: each character cell is 2 by 4 braille dots. No library, no state."""
+"""Draw curves in a terminal; each character cell has 2 by 4 braille dots. No library, no state."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,12 @@ from rich.text import Text
 
 # bit of the dot in column x (0, 1) and row y (0..3, from the top): Unicode, braille patterns
 _BITS = np.array([[0x01, 0x02, 0x04, 0x40], [0x08, 0x10, 0x20, 0x80]])
-_LABEL = 9  # width of the numbers beside the plot
+_LABEL = 9  # width of the numbers to the left of the plot
 
 
 @dataclass
 class Curve:
-    """values: (n,); NaN is not drawn. colour: a rich colour name."""
+    """One curve. values: (n,), NaN is not drawn; colour: a rich colour name."""
 
     name: str
     values: NDArray[np.float64]
@@ -23,7 +23,7 @@ class Curve:
 
 @dataclass
 class Plot:
-    """Curves over the same x, drawn into the space that rich gives. x: (n,) ascending."""
+    """Curves over the same x, drawn into the space that rich assigns. x: (n,) [s], ascending."""
 
     x: NDArray[np.float64]
     curves: list[Curve]
@@ -58,7 +58,7 @@ class Plot:
     def _cells(
         self, width: int, height: int, low: float, high: float
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """(height, width) braille bits, and which curve a cell's colour is taken from."""
+        """Return (height, width) braille bits, and the number of the curve that colours a cell."""
         cells = np.zeros((height, width), np.int64)
         owners = np.zeros((height, width), np.int64)
         span = max(float(self.x[-1] - self.x[0]), 1e-12)
@@ -71,7 +71,7 @@ class Plot:
                 inside = inside[np.isfinite(inside)]
                 if not inside.size:
                     continue
-                # all that the curve passes within one dot's width, as a vertical line
+                # the curve's range within one dot's width, drawn as a vertical line
                 for dot in range(round(float(inside.min())), round(float(inside.max())) + 1):
                     cells[dot // 4, column // 2] |= _BITS[column % 2, dot % 4]
                     owners[dot // 4, column // 2] = number

@@ -1,5 +1,5 @@
-"""Kernels are compiled once for each installation, for a minute or two: nobody waits for that
-without a word. numba itself says when it compiles what."""
+"""Report the compilation of kernels, which takes a minute or two, once per installation. numba's
+events say when it compiles which kernel."""
 
 import re
 import sys
@@ -14,22 +14,22 @@ from numba.core.event import Listener, install_listener
 from dehyst.daemon import clock, log_lines
 
 SILENT_S = 1.0
-"""Compiling that is over so soon is not worth a word."""
+"""Compilations that finish within this time are not reported."""
 TICK_S, AGAIN_S = 1.0, 15.0
-"""Between two looks, and between two lines where no terminal reads them."""
+"""Time between two looks, and between two lines if stderr is not a terminal."""
 FIRST = "compiling kernels, once for this installation: this takes a minute or two"
 ALSO = "compiling its own kernels, too"
-"""Of a daemon's processes one says what it is about, the others that they do the same."""
+"""Of a daemon's processes, the first prints FIRST, the others ALSO."""
 CLEAR = "\r\x1b[K"
-"""To the beginning of the line, and nothing on it."""
+"""Return to the beginning of the line and erase it."""
 PACKAGE = Path(__file__).resolve().parents[2]
 ROOMS = ("models", "drivers", "daemon")
 _KERNEL = re.compile(r"^\s*@njit\(cache=True", re.MULTILINE)
 
 
 class Compilations(Listener):
-    """What is compiled. count: so far; kernel: the one that is compiled now; began: set when one
-    begins, for whoever waits for that; on_kernel: called with a kernel's name as each begins."""
+    """Counts the compilations. count: finished so far; kernel: the one being compiled; began: event
+    that is set when a compilation begins; on_kernel: called with a kernel's name as each begins."""
 
     def __init__(self, on_kernel: Callable[[str], None] = lambda kernel: None) -> None:
         self.count, self.kernel, self._on_kernel = 0, "", on_kernel
@@ -38,17 +38,17 @@ class Compilations(Listener):
 
     @property
     def seconds(self) -> float:
-        """Spent on compiling so far."""
+        """Time spent on compiling so far [s]."""
         now_ns = clock.monotonic_ns() if self._depth else self._begun_ns
         return (self._spent_ns + now_ns - self._begun_ns) / clock.NS
 
     @property
     def at_work(self) -> bool:
-        """Whether something is compiled at this moment."""
+        """True while something is being compiled."""
         return self._depth > 0
 
     def on_start(self, event: Any) -> None:
-        """One begins, perhaps within another that calls it."""
+        """Count a compilation that begins, perhaps within that of a kernel which calls this one."""
         if not self._depth:
             self._begun_ns = clock.monotonic_ns()
         self._depth += 1
@@ -58,7 +58,7 @@ class Compilations(Listener):
         self.began.set()
 
     def on_end(self, event: Any) -> None:
-        """One is done."""
+        """Count a finished compilation."""
         self._depth -= 1
         self.count += 1
         if not self._depth:
@@ -67,12 +67,13 @@ class Compilations(Listener):
 
 
 class CompilingProgress:
-    """Says what is compiled and for how long, also while one kernel takes its time: a thread looks
-    every TICK_S. On a terminal one line that is written anew, elsewhere a line every AGAIN_S.
+    """Reports what is compiled and for how long. A thread looks every TICK_S, so that a single slow
+    kernel is reported as well. On a terminal it rewrites one line; elsewhere it prints a line every
+    AGAIN_S.
 
-    While nothing is compiled the thread sleeps: a thread of ordinary priority that wakes within a
-    process with deadlines may lose its processor while it holds the interpreter, and the loop, or
-    an emulated unit, would have to wait for it."""
+    While nothing is compiled the thread sleeps: a thread of ordinary priority that wakes in a
+    process with deadlines may lose its CPU while it holds the interpreter lock, and the loop or an
+    emulated unit would have to wait for it."""
 
     def __init__(self, said_by: str, compilations: Compilations, in_pipes: bool) -> None:
         self._by, self._of = said_by, compilations
@@ -94,8 +95,8 @@ class CompilingProgress:
             self._thread.join(2 * TICK_S)
 
     def say_end(self) -> None:
-        """The sum, where something was said before."""
-        self.look()  # what was over within a tick
+        """Report the total, if anything was reported before."""
+        self.look()  # covers compilations that ended within a tick
         if self._said_s:
             self._say(f"compiled {self._of.count} kernels in {self._of.seconds:.0f} s")
 
@@ -105,11 +106,12 @@ class CompilingProgress:
                 self.look()
             else:
                 self._of.began.clear()
-                if self._of.at_work:  # one that began in between
+                if self._of.at_work:  # a compilation began in between
                     self._of.began.set()
 
     def look(self) -> None:
-        """Say where it stands, where it is worth a word and not too soon after the last one."""
+        """Report the progress, unless compiling has taken less than SILENT_S or it is too soon
+        after the last line."""
         seconds = self._of.seconds
         if seconds <= SILENT_S or self._silent:
             return
@@ -134,9 +136,9 @@ class CompilingProgress:
 
 @contextmanager
 def compiling_reported(said_by: str, in_pipes: bool = False, ends: bool = True) -> Iterator[None]:
-    """Lines on stderr while kernels are compiled inside the block: what for, how far, and how long
-    it took. in_pipes: also where no terminal reads them; ends: the block ends with its work, so
-    that the sum at its end is still news."""
+    """Report on stderr why, how far and for how long kernels are compiled within the block.
+    in_pipes: report even if stderr is not a terminal; ends: the block ends with its work, so the
+    total is reported at its end."""
     compilations = Compilations()
     teller = CompilingProgress(said_by, compilations, in_pipes)
     try:
@@ -149,8 +151,8 @@ def compiling_reported(said_by: str, in_pipes: bool = False, ends: bool = True) 
 
 @contextmanager
 def compiling_shown(said_by: str) -> Iterator[Compilations]:
-    """A bar on a terminal with the kernel that is compiled and the time; lines in a pipe."""
-    # core and gateway import this file, and draw no bars
+    """Show a bar with the present kernel and the time on a terminal; print lines in a pipe."""
+    # imported here: core and gateway import this file but draw no bars
     from rich.console import Console
     from rich.progress import BarColumn, Progress, ProgressColumn, Task
     from rich.text import Text
@@ -166,7 +168,7 @@ def compiling_shown(said_by: str) -> Iterator[Compilations]:
         return
 
     class Now(ProgressColumn):
-        """Drawn by the bar's own thread, several times a second, whatever is compiled."""
+        """Column drawn by the bar's own thread, several times a second, during compilation too."""
 
         def render(self, task: Task) -> Text:
             seconds = (clock.monotonic_ns() - begun_ns) / clock.NS
@@ -183,7 +185,7 @@ def compiling_shown(said_by: str) -> Iterator[Compilations]:
 
 
 def count_kernels() -> int:
-    """How many kernels the product's files declare: about as many compilations."""
+    """Count the kernels declared in the package's files; about as many are compiled."""
     return sum(
         len(_KERNEL.findall(path.read_text(encoding="utf-8")))
         for room in ROOMS

@@ -1,4 +1,4 @@
-"""Single keys from the terminal that a command is shown on."""
+"""Read single keys from the terminal on which a command runs."""
 
 import os
 import select
@@ -15,8 +15,8 @@ except ImportError:  # Windows
 
 @contextmanager
 def single_keys() -> Iterator[None]:
-    """Keys come without Enter and are not echoed; Ctrl-C still interrupts. Nothing changes where
-    stdin is no terminal. Windows' console hands keys out one by one anyway."""
+    """Deliver keys without Enter and without echo; Ctrl-C still interrupts. Change nothing if stdin
+    is not a terminal. The Windows console delivers single keys anyway."""
     if termios is None:
         yield
         return
@@ -34,7 +34,7 @@ def single_keys() -> Iterator[None]:
 
 
 def pressed() -> str:
-    """The keys that were pressed since the last call, "" where stdin is no terminal."""
+    """Return the keys pressed since the last call; "" if stdin is not a terminal."""
     if termios is None:
         import msvcrt
 

@@ -1,5 +1,5 @@
-"""One screen about a controller: what `dehyst status` says. Pure: status, model and events in,
-lines out."""
+"""Format the screen that `dehyst status` prints about a controller. Pure: takes status, model and
+events; returns lines."""
 
 import math
 from collections.abc import Sequence
@@ -13,9 +13,9 @@ from dehyst.models.model import Model
 LEVELS = {1: "", 2: "warning: ", 3: "error: "}
 EVENTS = 8
 MOST_MISSED = 1e-3
-"""Share of missed deadlines above which somebody should look."""
+"""Share of missed deadlines above which the status reports a trouble."""
 LONGEST_START_S = 300.0
-"""A start that takes longer needs a look: compiling all kernels takes one to three minutes."""
+"""A longer start is reported as a trouble; compiling all kernels takes one to three minutes."""
 REASONS = {
     "start": "kernels are compiled and devices opened; the output stays as found",
     "ready": "no client commands the stage; the output stays where it is",
@@ -28,7 +28,7 @@ STAYS = "the requested position or voltage stays until another command"
 
 
 def find_troubles(status: Status) -> list[str]:
-    """What somebody should look at, in words; empty: all is well."""
+    """Return the conditions that need attention, as texts; empty if there are none."""
     s, gateway, found = status, status.gateway, []
     if is_starting(s):
         if gateway.uptime_s > LONGEST_START_S:
@@ -64,14 +64,14 @@ def find_troubles(status: Status) -> list[str]:
 
 
 def describe_share(part: int, whole: int) -> str:
-    """A share in words, two digits below 10 %. A start that is under way may have missed more
-    deadlines than it has samples."""
+    """Return a share in percent, with two digits below 10 %. It is limited to 100 %, because a loop
+    that is starting may have missed more deadlines than it has samples."""
     share = 100.0 * min(1.0, part / max(1, whole))
     return f"{share:.2g} %" if share < 9.95 else f"{share:.0f} %"
 
 
 def describe_health(status: Status) -> str:
-    """The mismatch watch in words."""
+    """Describe the state of the mismatch monitor."""
     health = status.gateway.health
     if status.gateway.mismatch:
         return (
@@ -85,7 +85,7 @@ def describe_health(status: Status) -> str:
 
 
 def describe_kind(model: Model) -> str:
-    """What kind of model, from when, and how good it says it is."""
+    """Describe the kind of model, its date, its recordings and its held-out error."""
     h, p, fit = model.hysteresis, model.provenance, model.fit
     words = [f"{'static' if h.static else 'rate-dependent'}, {h.n} play operators"]
     more = len(model.blocks)
@@ -100,7 +100,7 @@ def describe_kind(model: Model) -> str:
 def overview(
     status: Status, model: Model | None, events: Sequence[Event], troubles: Sequence[str]
 ) -> list[str]:
-    """The screen. model: None: not known."""
+    """Return the screen's lines. model: None if it is not known."""
     s, g = status, status.gateway
     if is_starting(s):
         lines = [f"{s.name}: starting for {_duration(g.uptime_s)}: {REASONS['start']}"]

@@ -1,4 +1,4 @@
-"""A progress bar on a terminal, silence in a pipe."""
+"""Show a progress bar on a terminal, and nothing in a pipe."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 @contextmanager
 def progress_bar(text: str) -> Iterator[Callable[[float], None]]:
-    """Yields a function that takes the share done, 0 to 1. Draws on stderr."""
+    """Yield a function that takes the share done, 0 to 1. The bar is drawn on stderr."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield lambda share: None

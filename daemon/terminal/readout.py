@@ -1,4 +1,4 @@
-"""The large read-out of a stage: seven-segment figures of three rows, plain characters alone."""
+"""The large read-out of a stage: seven-segment digits of three rows in plain characters."""
 
 from rich.table import Table
 from rich.text import Text
@@ -23,13 +23,14 @@ SEGMENTS = {
 
 
 def large(text: str) -> list[str]:
-    """ROWS lines that show digits, point and minus sign large. Raises KeyError for others."""
+    """Return ROWS lines with the text in large digits, points and signs. Raises KeyError for other
+    characters."""
     return [" ".join(SEGMENTS[mark][row] for mark in text) for row in range(ROWS)]
 
 
 def readout(measured: float, target: float, volts: float, unit: str) -> Table:
-    """Measured place, large; target, error and output beside it. Displacements in `unit` from the
-    set-point origin, NaN: none; volts: V."""
+    """Return the measured displacement in large digits, with target, error and output to its right.
+    Displacements in `unit` from the set-point origin, NaN if there is none; volts [V]."""
     known = measured == measured
     figure = large(f"{measured:.4f}" if known else "-.----")
     figure[-1] += f" {unit}"

@@ -24,7 +24,7 @@ POINTS = 4000
 EVENT_LINES = 6
 COLUMNS = 3
 ROOMY = 100, 32
-"""Columns and rows from which all numbers are shown; below, the plots get the room."""
+"""Columns and rows from which all numbers are shown; a smaller terminal gives more to the plots."""
 STARTING = (
     "starting: kernels are compiled and devices opened; set-points are accepted once it is ready"
 )
@@ -39,10 +39,10 @@ class RecentTelemetry:
         self.keep = max(2, round(seconds * 1e9 / period_ns)) if period_ns > 0 else 2
         self._parts: deque[NDArray[Any]] = deque()
         self._size = 0
-        self.flags = 0  # of everything since `take_flags`
+        self.flags = 0  # all flags since the last `take_flags`
 
     def add(self, samples: NDArray[Any]) -> None:
-        """Take (n,) TELEMETRY records."""
+        """Add (n,) TELEMETRY records."""
         if not samples.size:
             return
         self.flags |= int(np.bitwise_or.reduce(samples["flags"]))
@@ -52,29 +52,29 @@ class RecentTelemetry:
             self._size -= self._parts.popleft().size
 
     def take_flags(self) -> int:
-        """Flags seen since the last call."""
+        """Return the flags seen since the last call."""
         flags, self.flags = self.flags, 0
         return flags
 
     def samples(self) -> NDArray[Any]:
-        """(n,) the window, every k-th sample where there are more than POINTS."""
+        """Return (n,) samples of the window, only every k-th if there are more than POINTS."""
         if not self._parts:
             return np.zeros(0, TELEMETRY)
         joined = np.concatenate(list(self._parts))[-self.keep :]
         return joined[:: max(1, joined.size // POINTS)]
 
     def newest(self) -> Any:
-        """The newest record, or None."""
+        """Return the newest record, or None."""
         return self._parts[-1][-1] if self._parts else None
 
     def place(self) -> float:
-        """Mean reading of the newest batch; NaN where its last one is not valid."""
+        """Return the mean reading of the newest batch; NaN if its last reading is not valid."""
         if not self._parts or not np.isfinite(self._parts[-1]["measured"][-1]):
             return float("nan")
         return float(np.nanmean(self._parts[-1]["measured"]))
 
     def error_rms(self) -> float:
-        """rms of measured minus target over the window; NaN without targets."""
+        """Return the rms of measured minus target over the window; NaN without targets."""
         samples = self.samples()
         error = samples["measured"] - samples["target"]
         error = error[np.isfinite(error)]
@@ -82,12 +82,12 @@ class RecentTelemetry:
 
 
 def flag_names(flags: int) -> str:
-    """The flags in words."""
+    """Return the names of the flags, separated by commas."""
     return ", ".join((f.name or "").lower().replace("_", " ") for f in Flag if flags & f)
 
 
 def line(status: Status | None, window: RecentTelemetry, lost: int) -> str:
-    """One line a second, for a pipe."""
+    """Return the line that is printed once a second into a pipe."""
     newest = window.newest()
     if status is not None and is_starting(status):
         return STARTING
@@ -114,8 +114,8 @@ def screen(
     rejections: deque[Rejection],
     size: tuple[int, int],
 ) -> Layout:
-    """The whole view. size: columns and rows of the terminal; a small one gives its rows to the
-    plots."""
+    """Return the whole view of one axis. size: columns and rows of the terminal; a small one uses
+    most of its rows for the plots."""
     small = size[0] < ROOMY[0] or size[1] < ROOMY[1]
     said = _newest(status, events, rejections)
     head: RenderableType
@@ -137,12 +137,12 @@ def screen(
 
 
 def _rows(shown: RenderableType, width: int) -> int:
-    """How many rows it takes in so many columns, with what is too long wrapped."""
+    """Return the rows that this takes at the given width, with long lines wrapped."""
     return len(Console(width=width).render_lines(shown))
 
 
 class AxisScreen(NamedTuple):
-    """What is shown of one axis, as `screen` takes it."""
+    """The arguments of `screen` for one axis, without the size."""
 
     status: Status | None
     window: RecentTelemetry
@@ -152,7 +152,7 @@ class AxisScreen(NamedTuple):
 
 
 def screens(views: Sequence[AxisScreen], size: tuple[int, int]) -> Layout:
-    """The whole view of several axes, one over the other; of one alone: `screen`."""
+    """Return the whole view of several axes, one above the other; for one axis, as `screen`."""
     if len(views) == 1:
         return screen(*views[0], size)
     layout = Layout()
@@ -180,7 +180,7 @@ def _plots(status: Status | None, window: RecentTelemetry) -> Layout:
 
 
 def _state(status: Status, newest: Any) -> tuple[Text, str]:
-    """What the loop does, coloured, and the mode of the inverse."""
+    """Return the loop's state, coloured, and the mode of the inverse."""
     state = State(int(newest["state"])).name.lower() if newest is not None else status.state
     mode = status.mode if newest is None else name_of(Mode, int(newest["mode"]))
     words = printable(state) if status.core_alive else "no loop"
@@ -189,7 +189,7 @@ def _state(status: Status, newest: Any) -> tuple[Text, str]:
 
 
 def _short_head(status: Status | None, window: RecentTelemetry, lost: int) -> Group:
-    """The numbers that matter, one line each where they fit."""
+    """Return the most important numbers, in as few lines as possible."""
     if status is None:
         return Group(Text("waiting for the daemon's status"))
     newest, s, unit = window.newest(), status, status.unit
@@ -223,7 +223,7 @@ def _of(newest: Any, name: str) -> float:
 
 
 def _head(status: Status | None, window: RecentTelemetry, lost: int) -> Panel:
-    """All numbers."""
+    """Return a panel with all numbers."""
     if status is None:
         return Panel("waiting for the daemon's status")
     newest, unit, gateway = window.newest(), status.unit, status.gateway
@@ -255,8 +255,8 @@ def _head(status: Status | None, window: RecentTelemetry, lost: int) -> Panel:
 def _newest(
     status: Status | None, events: deque[Event], rejections: deque[Rejection]
 ) -> list[Text]:
-    """The newest events and refusals with their times, oldest first."""
-    # a refusal has the controller's monotonic time alone; the status has both
+    """Return the newest events and refusals with their times, oldest first."""
+    # a refusal has only the controller's monotonic time; the status has both clocks
     wall_ns = 0 if status is None else status.wall_ns - status.time_ns
     lines = [(e.wall_ns, f"{e.code}: {e.text}", "red" if e.level > 1 else "") for e in events]
     lines += [(r.time_ns + wall_ns, f"refused {r.count} x: {r.text}", "yellow") for r in rejections]
