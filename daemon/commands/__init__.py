@@ -1,1 +1,1 @@
-"""The commands of `dehyst`, one file for each, thin."""
+"""The commands of `dehyst`, one thin module per command."""

@@ -1,4 +1,4 @@
-"""Put the model that the doctor offers to work, on trial."""
+"""Accept the model that the doctor offers, on trial."""
 
 import argparse
 import sys
@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def require_consent() -> None:
-    """Ask whether to go on. Raises BadInput where nobody can be asked, NotNow on a no."""
+    """Ask whether to go on. Raises BadInput if nobody can be asked, NotNow if the answer is no."""
     if not sys.stdin.isatty():
         raise BadInput(f"{CUTS}; --yes accepts: they are played at the nearest position")
     say(f"{CUTS}: these are played at the nearest position and flagged. Accept? [y/N]")
@@ -53,7 +53,7 @@ def require_consent() -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Accept, and with --wait see what becomes of it."""
+    """Accept the offer; with --wait, also wait for the result of its trial."""
     from dehyst.daemon import clock
 
     with connect_axes(args, "accept") as stage:

@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compare and print; 0."""
+    """Compare and print; return 0."""
     from dehyst.daemon.benchmark.cases import made_cases, read_cases
     from dehyst.daemon.benchmark.report import markdown, scores_to_json
     from dehyst.daemon.benchmark.rivals.table import RIVALS

@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the script; 0. args.build_whole makes the parser with the arguments of all."""
+    """Print the script; return 0. args.build_whole builds the parser of all commands."""
     import shtab
 
     parser = args.build_whole()

@@ -100,7 +100,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write it; 0."""
+    """Write the configuration, or with `pin` accept the connected units; return 0."""
     if args.what == "pin":
         if args.config is None:
             raise BadInput("pin: name the configuration: --config FILE")
@@ -144,7 +144,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def parse_settings(pairs: list[str]) -> dict[str, Any]:
-    """Settings from KEY=VALUE words; a value as TOML has it, else a text."""
+    """Parse KEY=VALUE words into settings; a value that is not valid TOML is a string."""
     import tomllib
 
     table: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""write a recording in another kind of file"""
+"""write a recording in another file format"""
 
 import argparse
 import json
@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read and write; 0."""
+    """Read and write; return 0."""
     reading = reading_of(args)
     parts, understood = read_parts(args.input, args.unfinished, reading)
     outputs = [args.output]

@@ -1,4 +1,4 @@
-"""the whole story on the simulated stage in some minutes"""
+"""the whole story on the simulated stage in a few minutes"""
 
 import argparse
 import json
@@ -48,7 +48,7 @@ examples: dehyst demo -o out
 
 
 def say_on_stderr(text: str) -> None:
-    """One line on stderr."""
+    """Print one line on stderr."""
     print(text, file=sys.stderr, flush=True)
 
 
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     first = read_spent()
     try:
         return _run(args)
-    except DehystError as error:  # a wait that was too long, mostly
+    except DehystError as error:  # usually a wait that timed out
         busy = busy_between(first, read_spent())
         if not busy.why:
             raise
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    """Both acts; the exit status."""
+    """Run both acts; return the exit status."""
     from dehyst.daemon.demo.demo import Demo, compare_errors, draw_demo, join_acts
 
     story = None
@@ -117,7 +117,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _tell_story(story: "Story", picture: Path, facts: dict[str, Any], quiet: bool) -> int:
-    """Draw and print the second act, add it to the facts; its exit status."""
+    """Draw and print the second act and add it to the facts; return its exit status."""
     from dehyst.daemon.demo.second_act import describe_facts, save_story, tell_end
 
     save_story(story, picture)

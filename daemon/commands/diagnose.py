@@ -42,7 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Diagnose and write the three files; 1 when something was left out."""
+    """Diagnose and write the three files; return 1 if the model lacks something."""
     results = [args.output / name for name in ("diagnosis.json", "model.toml", "report.html")]
     check_outputs(results, [*args.recordings, args.model], force=False)
     recordings = _read(args)
@@ -69,7 +69,7 @@ def _read(args: argparse.Namespace) -> list[Recording]:
 
 
 class _Bar:
-    """Progress on a terminal: diagnose() reports a text and a share."""
+    """Progress bar on a terminal; diagnose() reports a text and the share done."""
 
     def __init__(self, console: Console) -> None:
         columns = (TextColumn("{task.description:28s}"), BarColumn(), TimeElapsedColumn())

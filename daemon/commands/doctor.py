@@ -1,4 +1,4 @@
-"""What the doctor found about mismatches; with --config its process (for the service)."""
+"""Show what the doctor found about mismatches; with --config, run its process (for the service)."""
 
 import argparse
 import logging
@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Say what was found, or be the doctor."""
+    """Print the findings, or run the doctor's process."""
     return _be_doctor(args.config) if args.config else _print_report(args)
 
 
@@ -87,12 +87,12 @@ def _print_report(args: argparse.Namespace) -> int:
 
 
 def newest_report_ns(reports: "Sequence[DoctorReport]") -> int:
-    """When the newest mismatch was seen; -1: there is none."""
+    """Return the time of the newest report [ns], or -1 if there is none."""
     return reports[-1].time_ns if reports else -1
 
 
 def describe_doctor(report: "DoctorReport") -> list[str]:
-    """Lines for a person."""
+    """Return a report as lines of text."""
     from dehyst.daemon.printable import printable
 
     lines = [f"{report.case}: {report.state}. {report.says}"]

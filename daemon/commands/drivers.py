@@ -23,7 +23,7 @@ example: dehyst drivers
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Fill in the arguments."""
+    """Arguments of `dehyst drivers`."""
     parser.epilog = EPILOG
     parser.add_argument(
         "name", nargs="?", metavar="NAME", help="a driver: list its settings, key by key"
@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print every plugin, or one driver's settings; 1 when one is broken."""
+    """Print every plugin, or one driver's settings; return 1 if a plugin is broken."""
     plugins = list_plugins() if args.name is None else find_plugins(args.name)
     if args.json:
         with_settings = args.name is not None
@@ -93,5 +93,5 @@ def _table(*titles: str) -> Table:
 
 def _print(table: Table) -> None:
     console = Console()
-    # A pipe has no width: whole lines, for grep.
+    # a pipe has no width: print long lines unwrapped, for grep
     Console(width=None if console.is_terminal else 240).print(table)

@@ -27,7 +27,8 @@ from dehyst.drivers.simulated.settings import AXES, StageSettings
 from dehyst.models.errors import BadInput
 
 LATENCY_S = 0.0015
-"""Of an amplifier command: room for a 200 Hz loop that writes and reads in turn."""
+"""Latency of an amplifier command; it leaves time for a 200 Hz loop that writes and reads in
+turn."""
 
 AMPLIFIERS = ("mdt693b", "mdt694b", "kpz101", "kpc101", "bpc303")
 APT_KNOBS = {"kpz101": Kpz101Knobs(), "kpc101": Kpc101Knobs(), "bpc303": RACK_KNOBS}
@@ -49,7 +50,7 @@ examples: dehyst emulate --dir /tmp/bench --dialect 1.05 --stage creep_gain_per_
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """The command's arguments."""
+    """Arguments of `dehyst emulate`."""
     knobs = Mdt693bKnobs()
     parser.epilog = EPILOG
     parser.add_argument(
@@ -122,7 +123,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def stage_settings(pairs: list[str], axes: Sequence[str]) -> dict[str, StageSettings]:
-    """Settings for each axis from KEY=VALUE or AXIS.KEY=VALUE words. Raises BadInput or
+    """Parse KEY=VALUE or AXIS.KEY=VALUE words into settings for each axis. Raises BadInput or
     DriverConfigError."""
     tables: dict[str, dict[str, Any]] = {axis: {} for axis in axes}
     for pair in pairs:
@@ -142,7 +143,8 @@ def stage_settings(pairs: list[str], axes: Sequence[str]) -> dict[str, StageSett
 
 
 def amplifier_knobs(args: argparse.Namespace) -> Mdt693bKnobs | Kpz101Knobs:
-    """How the amplifier is built. Raises BadInput for what it does not have."""
+    """Return the emulated amplifier's properties. Raises BadInput for options that it does not
+    have."""
     plain = Mdt693bKnobs()
     single = args.amplifier == "mdt694b"
     if single and (args.axes, args.axis) != (1, "x"):
@@ -162,7 +164,7 @@ def amplifier_knobs(args: argparse.Namespace) -> Mdt693bKnobs | Kpz101Knobs:
         if getattr(args, option) != value:
             name = option.replace("_", "-")
             raise BadInput(f"--{name}: not for a {knobs.model}; leave it out, or use an MDT693B")
-    # one that stands at a voltage is enabled
+    # an amplifier that starts at a voltage is enabled
     return structs.replace(
         knobs,
         limit_v=args.limit_v,
@@ -195,7 +197,7 @@ def run(args: argparse.Namespace) -> int:
     amplifier = amplifier_knobs(args)
     first = stages.pop(axes[0])
     settings = BenchSettings(first, amplifier, gauge, axes[0], stages)
-    # hardware answers in time whatever else the machine does; below the loop's own priority
+    # like hardware, answer in time even on a busy machine; the priority is below the loop's
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(BENCH_PRIORITY))
     stop = threading.Event()
@@ -218,7 +220,7 @@ def run(args: argparse.Namespace) -> int:
         log = Path(args.log) if args.log else None
         try:
             run_bench(directory, settings, stop, ready, started, log)
-        except BrokenPipeError:  # whoever started it has gone
+        except BrokenPipeError:  # the process that started it is gone
             raise
         except OSError as error:
             raise BadInput(f"emulate in {directory}: {error}") from None

@@ -39,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Until SIGTERM or Ctrl-C."""
+    """Serve until SIGTERM or Ctrl-C."""
     check_listening_address(args.listen, args.without_passwords or args.observe)
     check_tolerance(args.tolerance)
     if not 0 <= args.port <= 65535:
@@ -73,7 +73,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def check_listening_address(text: str, allowed: bool) -> None:
-    """BadInput where it is not an address, or not this machine's alone and not allowed."""
+    """Raise BadInput if it is not an address, or if other machines can reach it and that is not
+    allowed."""
     try:
         ipaddress.ip_address(text)
     except ValueError:

@@ -21,7 +21,7 @@ from dehyst.models.model import Model
 from dehyst.models.recording import Recording
 from dehyst.models.units import spell_unit
 
-SECONDS, SPANS_PER_S = 20.0, 200.0  # of --separate, where the user says nothing
+SECONDS, SPANS_PER_S = 20.0, 200.0  # defaults of --separate: duration, slew in spans per second
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -87,7 +87,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Design or check; 1 when a check finds something missing."""
+    """Design or check; return 1 if a check finds something missing."""
     check_outputs([args.output, args.picture], [*(args.check or []), args.model], args.force)
     if args.check:
         return _check(args)
@@ -96,8 +96,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _take_config(args: argparse.Namespace) -> None:
-    """Range, sampling and slew from the configuration where they are not given; BadInput where what
-    is given leaves its limits."""
+    """Take range, sampling and slew from the configuration unless they are given. Raises BadInput
+    if given values exceed its limits."""
     if args.config is not None:
         config = load_config(args.config)
         gain, limits = config.actuator.gain, config.limits
@@ -210,7 +210,7 @@ def _facts(covered: Coverage) -> dict[str, Any]:
 def _picture(covered: Coverage, unit: str, path: Path | None) -> None:
     if path is None:
         return
-    from dehyst.daemon.report import coverage as covers  # matplotlib takes its time
+    from dehyst.daemon.report import coverage as covers  # importing matplotlib takes long
     from dehyst.daemon.report.plotting import draw_side_by_side
 
     draws = (
@@ -225,10 +225,10 @@ def _picture(covered: Coverage, unit: str, path: Path | None) -> None:
 
 
 def _separate(args: argparse.Namespace) -> int:
-    """Design, write the drive (`t_s`, `u_<unit>`), say what it is worth on stdout.
+    """Design and write the drive (`t_s`, `u_<unit>`), and print how well it separates the effects.
 
-    Range and unit come from --range and --unit, else from the model. Raises BadInput on unknown
-    names or limits that leave nothing.
+    Range and unit come from --range and --unit, otherwise from the model. Raises BadInput for
+    unknown names, or limits that allow no drive.
     """
     a, b = args.separate
     model = load_model(args.model) if args.model else None

@@ -1,4 +1,4 @@
-"""The network process alone (for systemd): zenoh on one side, the core's rings on the other."""
+"""Run only the network process (for systemd), between zenoh and the core's rings."""
 
 import argparse
 import logging
@@ -22,7 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Until SIGTERM or SIGINT."""
+    """Run until SIGTERM or SIGINT."""
     realtime.die_with_parent(signal.SIGTERM)
     from dehyst.daemon.config import load_controller
 

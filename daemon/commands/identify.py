@@ -47,7 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Identify, write the model and the report; 0."""
+    """Identify, write the model and the report; return 0."""
     rate = True if args.rate else False if args.static else None
     _check_places(args)
     started_ns = clock.monotonic_ns()
@@ -84,7 +84,7 @@ def _check_places(args: argparse.Namespace) -> None:
 
 @contextmanager
 def working() -> Iterator[Callable[[str], None]]:
-    """A line on a terminal that says what is being done; nothing in a pipe."""
+    """Show a line on a terminal that says what is being done; show nothing in a pipe."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield lambda text: None

@@ -11,7 +11,7 @@ from dehyst.daemon.imaging.experiment import COMPENSATED_LEAST, LEARNED_LEAST, L
 from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.models.errors import BadInput
 
-LEAST_LINES, MOST_LINES = 8, 1024  # a trace and a retrace over each pit; minutes
+LEAST_LINES, MOST_LINES = 8, 1024  # least: a trace and a retrace per pit; most: takes minutes
 FILES = PNG, JSON, HDF5 = "image.png", "image.json", "image.h5"
 
 
@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Image and write; 0, or 1 where the pictures are not as much better as they should be."""
+    """Image and write; return 0, or 1 if the pictures do not improve as much as required."""
     from dehyst.daemon.imaging.nexus import to_hdf5
     from dehyst.daemon.imaging.report import draw_pictures, picture_table, pictures_to_json
 

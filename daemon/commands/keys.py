@@ -45,7 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make what was asked for; print what was made."""
+    """Make the requested files; print what was made."""
     from dehyst.daemon.bus.certificates import Authority
 
     if not args.controller and not args.client:

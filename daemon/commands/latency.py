@@ -1,4 +1,4 @@
-"""self-test of this machine: does it hold the loop's deadlines?"""
+"""test whether this machine meets the loop's deadlines"""
 
 import argparse
 import json
@@ -32,7 +32,7 @@ examples: dehyst latency
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Fill in the arguments."""
+    """Arguments of `dehyst latency`."""
     parser.epilog = EPILOG
     parser.add_argument(
         "--rate",
@@ -58,9 +58,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, report, judge."""
+    """Measure and report; return 0 if the deadlines are met, otherwise 1."""
     config = load_config(args.config) if args.config else None
-    _setup(args, config, _default_hz({}))  # what is given is checked before anything is measured
+    _setup(args, config, _default_hz({}))  # check the arguments before measuring anything
     io = {} if args.no_io else time_devices(config)
     setup = _setup(args, config, _default_hz(io))
     with _progress(setup.seconds):
@@ -76,7 +76,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _default_hz(io: dict[str, Histogram]) -> float:
-    """Where nobody names a rate: what the devices leave room for."""
+    """Return the default loop rate [Hz]: the highest for which the devices leave time, at most
+    1000."""
     busy_us = sum(h.quantile(0.99) for h in io.values())
     return min(1000.0, round(SPARE * 1e6 / busy_us, -1)) if busy_us else 1000.0
 

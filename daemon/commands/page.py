@@ -1,4 +1,4 @@
-"""A page in a browser for one or many controllers."""
+"""Serve a web page for one or many controllers."""
 
 import argparse
 import logging
@@ -54,7 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Until SIGTERM or Ctrl-C."""
+    """Serve until SIGTERM or Ctrl-C."""
     from dehyst.daemon.loop.timing import realtime
 
     realtime.die_with_parent(signal.SIGTERM)
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     from dehyst.daemon.kernel_cache import load_lightly
 
     load_lightly()
-    # the server's packages take their time
+    # importing the server's packages takes long
     from dehyst.daemon.page.doors import open_door
     from dehyst.daemon.page.people import People, Public
     from dehyst.daemon.page.server import Tls, serve_page
@@ -86,7 +86,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def page_settings(args: argparse.Namespace) -> tuple[PageConfig, list[str], str, str]:
-    """([page], addresses of the bus, credentials, base of the keys)."""
+    """Return ([page], addresses of the bus, credentials, base of the keys) from the arguments or
+    from --config. Raises BadInput if both set the same."""
     if args.config is None:
         where, credentials = address_of(args)
         given: dict[str, Any] = {
@@ -123,12 +124,12 @@ def page_settings(args: argparse.Namespace) -> tuple[PageConfig, list[str], str,
 
 
 def split(names: str | None) -> tuple[str, ...]:
-    """Names with commas between."""
+    """Split names at commas."""
     return tuple(n for n in (names or "").split(",") if n)
 
 
 def check_files(config: PageConfig) -> None:
-    """BadInput where a file of TLS cannot be read."""
+    """Raise BadInput if a TLS file cannot be read."""
     for what in ("certificate", "key"):
         path = getattr(config, what)
         if path and not os.access(path, os.R_OK):

@@ -1,4 +1,4 @@
-"""the source paper's experiments again, their errors and figures next to the paper's"""
+"""repeat the source paper's experiments, errors and figures next to the paper's"""
 
 import argparse
 import json
@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Repeat the experiments; 0, or 1 where an error of the paper is not reached."""
+    """Repeat the experiments; return 0, or 1 if one of the paper's errors is not reached."""
     from dehyst.daemon.paper.report import page, paper_table, pictures
 
     if not 0 < args.noise <= 1000:

@@ -117,7 +117,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Check, stream, wait for the end, report."""
+    """Check, stream, wait for the end, report; return the exit status."""
     from dehyst.daemon.files.given_recordings import say_read
     from dehyst.daemon.files.trajectories import read_trajectories
 
@@ -168,7 +168,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def check_may_stay(clients: "Mapping[str, Client]") -> None:
-    """BadInput, before anything moves, where a daemon does not let a place be kept."""
+    """Raise BadInput, before anything moves, if a daemon does not allow --stay."""
     for client in clients.values():
         if not client.config().setpoint.stay:
             raise BadInput(
@@ -183,7 +183,7 @@ def say_what_follows(
     args: argparse.Namespace,
     played: "Mapping[str, Played]",
 ) -> None:
-    """Stay where that was asked for, and say what the stage does now."""
+    """Stay at the last point if --stay was given, and print what the stage does now."""
     from dehyst.daemon.client.what_follows import STAYS, after_a_stop, what_follows
 
     for axis, client in clients.items():
@@ -202,7 +202,7 @@ def play_on_stage(
     args: argparse.Namespace,
     name: str,
 ) -> "dict[str, Played]":
-    """Stream it; what happened, by axis."""
+    """Stream the trajectory; return what was played, by axis."""
     with playing(name) as shown:
         if isinstance(stage, Group):
             return stage.play(t_s, targets, args.allow_unreachable, shown, repeat=args.repeat)
@@ -218,7 +218,7 @@ def learn_of(
     learned: Mapping[str, Path | None],
     name: str,
 ) -> "dict[str, Lessons]":
-    """Stream it and learn; what came of it, by axis."""
+    """Stream the trajectory and learn; return the results, by axis."""
     from dehyst.daemon.client.play_learning import Course, play_learning, play_learning_together
 
     def course(axis: str, client: "Client") -> Course:
@@ -237,7 +237,7 @@ def learn_of(
 
 @contextmanager
 def playing(name: str) -> "Iterator[Callable[[float, float], None]]":
-    """A bar that shows how far it is played."""
+    """Show a progress bar; yield a function that takes the played and the total time [s]."""
     from dehyst.daemon.terminal.progress import progress_bar
 
     with progress_bar(f"playing {name}") as progress:
@@ -245,7 +245,8 @@ def playing(name: str) -> "Iterator[Callable[[float, float], None]]":
 
 
 def offsets_of(given: str, axes: Iterable[str]) -> dict[str, float]:
-    """What is added to the targets of each axis: from "1.5", or "x=1.5,y=-2"."""
+    """Parse the offset that is added to each axis' targets from "1.5" or "x=1.5,y=-2". Raises
+    BadInput."""
     names = list(axes)
     out = dict.fromkeys(names, 0.0)
     for part in filter(None, given.split(",")):
@@ -262,7 +263,7 @@ def offsets_of(given: str, axes: Iterable[str]) -> dict[str, float]:
 
 
 def check_units(file: str, unit: str, status: "Status") -> None:
-    """BadInput where the file is in another unit than the daemon."""
+    """Raise BadInput if the file's unit is not the daemon's."""
     if unit != status.unit:
         raise BadInput(
             f"{file}: the targets are in {unit}, the daemon "
@@ -271,7 +272,7 @@ def check_units(file: str, unit: str, status: "Status") -> None:
 
 
 def say_of_step(target: NDArray[np.float64], status: "Status", axis: str) -> None:
-    """Tell that a repetition begins with a step."""
+    """Warn if every repetition begins with a step."""
     jump = abs(float(target[-1] - target[0]))
     if jump > 0.01 * float(np.ptp(target)):
         say(
@@ -281,7 +282,7 @@ def say_of_step(target: NDArray[np.float64], status: "Status", axis: str) -> Non
 
 
 def check_asked(args: argparse.Namespace, learn: bool, written: Sequence[Path | None]) -> None:
-    """BadInput where the options do not go together, or a file would be lost."""
+    """Raise BadInput if options cannot be combined, or if a file would be overwritten."""
     if args.repeat < 0:
         raise BadInput(f"--repeat {args.repeat}: give 1 or more, or 0 to play until stopped")
     if args.picture and not learn:
@@ -297,7 +298,7 @@ def check_asked(args: argparse.Namespace, learn: bool, written: Sequence[Path | 
 
 
 def describe_pass(one: "Outcome", unit: str) -> str:
-    """One pass in a line."""
+    """Return a line about one pass."""
     text = f"pass {one.number}: error {one.rms:.3g} {unit} rms without the noise"
     text += f", mean {one.mean:+.2g}"
     if one.learned:
@@ -306,7 +307,8 @@ def describe_pass(one: "Outcome", unit: str) -> str:
 
 
 def draw_learning(lessons: "Lessons", path: Path, unit: str) -> None:
-    """The picture at the end, where there was a pass."""
+    """Draw the picture of the error by pass, if there was a pass. Raises BadInput if it cannot be
+    written."""
     from dehyst.daemon.files.outputs import whole_file
     from dehyst.daemon.report.learning import learning_picture
 
@@ -323,7 +325,7 @@ def draw_learning(lessons: "Lessons", path: Path, unit: str) -> None:
 def check_reach(
     target: NDArray[np.float64], status: "Status", offset: float, axis: str = ""
 ) -> None:
-    """BadInput where targets are outside the daemon's reach, with what would fit."""
+    """Raise BadInput if targets are outside the daemon's reach, suggesting an offset or scaling."""
     low, high, unit = status.reach_min, status.reach_max, status.unit
     least, most = float(target.min()), float(target.max())
     if low <= least and most <= high:
@@ -349,7 +351,7 @@ def report_played(
     as_json: bool,
     outcomes: "Mapping[str, Sequence[Outcome]] | None" = None,
 ) -> int:
-    """Print the result, of each axis; the exit code."""
+    """Print the result of each axis; return the exit code."""
     from dehyst.daemon.client.played_summary import describe_played, list_figures
 
     results = {axis: list_figures(one) for axis, one in played.items()}

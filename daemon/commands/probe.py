@@ -1,4 +1,4 @@
-"""what a unit answers, its raw bytes and timings; or what the devices of a configuration are"""
+"""record a unit's answers, raw bytes and timings, or report the devices of a configuration"""
 
 import argparse
 import json
@@ -61,7 +61,8 @@ examples: dehyst probe /dev/ttyACM0 -o my-amplifier.json
 
 @dataclass(frozen=True)
 class _Probed:
-    """unit: a key of NAMES, "": none; facts: for --json and the fixture; lines: for people."""
+    """Result of a probe. unit: a key of NAMES, "" if no unit was recognised; facts: for --json and
+    the fixture; lines: for the user."""
 
     unit: str
     exchanges: list[RecordedExchange]
@@ -71,7 +72,7 @@ class _Probed:
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Fill in the arguments."""
+    """Arguments of `dehyst probe`."""
     parser.epilog = EPILOG
     parser.add_argument("port", nargs="?", metavar="PORT", help="serial port, or auto")
     parser.add_argument(
@@ -149,8 +150,8 @@ def _path(args: argparse.Namespace) -> str:
 
 
 def _probe(port: SerialPort, args: argparse.Namespace) -> _Probed:
-    """As the gauge reader first: its requests have no line end, so that an amplifier takes them for
-    half a command, and the amplifier's probe spoils that one before it asks."""
+    """Probe for APT units first, then for an amplifier. APT requests have no line end, so an
+    amplifier takes them as half a command, which its own probe discards before it asks."""
     asked = args.unit or (AMPLIFIER if args.sets is not None else "")
     heard: list[RecordedExchange] = []
     for units, probe in ((APT_UNITS, _probe_apt), ((AMPLIFIER,), _probe_amplifier)):
@@ -184,7 +185,8 @@ def _probe_piezo(port: SerialPort, unit: gauges.ProbedGauge) -> _Probed:
 
 
 def _probe_controller(port: SerialPort, kind: str, heard: list[RecordedExchange]) -> _Probed:
-    """An output and perhaps a gauge for each channel. heard: so far, if nobody is found here."""
+    """Probe a controller with an output and perhaps a gauge per channel. heard: the exchanges so
+    far, which are returned as well if no unit is found here."""
     requests = controllers.RACK_REQUESTS if kind == RACK else controllers.REQUESTS
     with progress_bar("requests") as progress:
         exchanges = gauges.record_requests(port, progress, requests=requests)

@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     until_s = args.seconds if args.seconds is not None else float("inf")
     with connect_axes(args, "record") as stage, ExitStack() as opened:
         stage.wait_until_started(on_wait=say)
-        # from here on what was recorded is closed first; while it waits there is nothing to close
+        # from here on, a signal first closes the files; during the wait there is nothing to close
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda number, _: ending.append(number))
         axes = {axis: Recorded(client, ending) for axis, client in stage.clients.items()}
@@ -138,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 class Recorded:
-    """One axis that is recorded. ending: not empty, where no more is wanted."""
+    """One axis being recorded. ending: filled by a signal; not empty if recording must end."""
 
     def __init__(self, client: "Client", ending: list[int]) -> None:
         self.status, self.stream = known_status(client, ending), client.stream()
@@ -146,12 +146,12 @@ class Recorded:
         self.units = (self.status.drive_unit, self.status.unit)
 
     def origin(self, frame: str) -> float:
-        """Added to its displacements: they count from the set-point origin, or from its model's own
-        zero."""
+        """Return the offset added to its displacements, which are counted from the set-point origin
+        or, with frame "model", from the model's own zero."""
         return self.status.origin if frame == "model" else 0.0
 
     def beside(self, axis: str, frame: str) -> "OtherAxis":
-        """What the recordings of the other axes have of this one."""
+        """Return the description of this axis for the recordings of the other axes."""
         from dehyst.daemon.files.recorder import OtherAxis
 
         return OtherAxis(axis, self.gain, *self.units, self.origin(frame))
@@ -160,7 +160,7 @@ class Recorded:
 def outcome(
     file: "Recorder", stream: "TelemetryStream", late: bool, pieces: bool
 ) -> dict[str, Any]:
-    """What came of one file."""
+    """Return the result for one file."""
     made = {"pieces": [str(p) for p in file.pieces.made], "dropped": file.pieces.dropped}
     return {
         "file": str(file.path),
@@ -175,8 +175,8 @@ def outcome(
 
 
 def known_status(client: "Client", ending: list[int]) -> "Status":
-    """The daemon's status once its loop has said in which units it speaks: a gateway that has just
-    started does not know them yet. Raises NotNow where that does not come, or `ending` is set."""
+    """Wait until the status contains the loop's units, which a gateway that has just started does
+    not know yet, and return it. Raises NotNow if they do not come or `ending` is set."""
     from dehyst.daemon import clock
 
     end_ns = clock.monotonic_ns() + round(LOOP_S * clock.NS)
@@ -188,7 +188,7 @@ def known_status(client: "Client", ending: list[int]) -> "Status":
 
 
 def notes(status: "Status", frame: str) -> dict[str, str]:
-    """What the head of the file says."""
+    """Return the notes for the head of the file."""
     return {
         "recorded_by": f"dehyst {__version__} from the daemon {status.name}",
         "period_s": repr(status.period_ns / 1e9),
@@ -201,7 +201,7 @@ def notes(status: "Status", frame: str) -> dict[str, str]:
 
 
 def report_recorded(results: dict[str, dict[str, Any]], as_json: bool) -> int:
-    """Print the result of each axis; the exit code."""
+    """Print the result of each axis; return the exit code."""
     if as_json:
         print_json(results if len(results) > 1 else next(iter(results.values())))
     else:

@@ -1,4 +1,4 @@
-"""Turn down the model that the doctor offers; one that is at work makes way for the one before."""
+"""Reject the model that the doctor offers; if it is already in use, restore the previous one."""
 
 import argparse
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def add_offer(parser: argparse.ArgumentParser) -> None:
-    """--offer."""
+    """Add the argument --offer."""
     parser.add_argument(
         "--offer",
         type=int,
@@ -41,7 +41,8 @@ def add_offer(parser: argparse.ArgumentParser) -> None:
 def find_offer(
     reports: "Sequence[DoctorReport]", number: int | None, states: tuple[str, ...]
 ) -> "DoctorReport":
-    """The offer of this number, or the newest in one of these states. Raises NotNow."""
+    """Return the offer with this number, or the newest in one of these states. Raises NotNow if
+    there is none."""
     offers = [r for r in reports if r.offer is not None]
     if number is not None:
         offers = [r for r in offers if r.offer is not None and r.offer.number == number]
@@ -55,8 +56,8 @@ def find_offer(
 def offer_of_axes(
     stage: "Group", number: int | None, states: tuple[str, ...]
 ) -> "tuple[Client, DoctorReport]":
-    """The axis with such an offer, and the offer. Raises NotNow where none has one, or several
-    have."""
+    """Return the axis with such an offer, and the offer. Raises NotNow if no axis has one, or if
+    several have."""
     found = {}
     for client in stage.clients.values():
         with suppress(NotNow):
@@ -69,7 +70,7 @@ def offer_of_axes(
 
 
 def run(args: argparse.Namespace) -> int:
-    """Reject."""
+    """Reject the offer; return 0."""
     with connect_axes(args, "reject") as stage:
         client, report = offer_of_axes(stage, args.offer, ("found", "waiting", "trial", "accepted"))
         assert report.offer is not None

@@ -16,7 +16,7 @@ from dehyst.daemon.printable import printable
 from dehyst.daemon.rings import run_folder
 from dehyst.models.errors import BadInput, DehystError
 
-if TYPE_CHECKING:  # they bring numba
+if TYPE_CHECKING:  # these import numba
     from dehyst.daemon.bench.simulated import Imitation
     from dehyst.models.model import Model
 
@@ -30,7 +30,7 @@ KSG101 on pseudo terminals.
 SIGTERM or Ctrl-C ends it in the state that [safe] names; SIGHUP reloads the model file."""
 
 UNIT_STOP_S, SPARE_S = 90.0, 20.0
-"""TimeoutStopSec= of systemd/dehyst.service; what devices may need beyond a ramp's own time."""
+"""TimeoutStopSec= of systemd/dehyst.service; time for slow devices in addition to a ramp."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -69,7 +69,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def say_of_run(text: str) -> None:
-    """One line on stderr."""
+    """Print one line on stderr."""
     print(f"dehyst run: {text}", file=sys.stderr, flush=True)
 
 
@@ -123,8 +123,8 @@ def run(args: argparse.Namespace) -> int:
 def models_of_bench(
     model: str | None, axes: Sequence[str]
 ) -> "tuple[Imitation, dict[str, Model | Path]]":
-    """The simulated stage, and a model of each axis. That of the default stage is shipped; others
-    bring numba, and may have to be compiled for."""
+    """Return the simulated stage and a model of each axis. The default stage's model is shipped;
+    others import numba and may need kernels to be compiled."""
     from dehyst.daemon.bench.simulated import SHIPPED_MODEL, Imitation, simulated_model
 
     if not model and len(axes) == 1:
@@ -143,8 +143,8 @@ def models_of_bench(
 
 
 def supervise(path: Path) -> int:
-    """Core and gateway of a configuration, until a signal; and its emulated bench, where it has
-    one that does not run yet."""
+    """Run core and gateway of a configuration until a signal, and its emulated bench if it has one
+    that does not run yet; return the supervisor's exit status."""
     controller = load_controller(path)
     say_of_run(f"starting {controller.name} with {path}")
     with ended_at_once("dehyst run"):
@@ -159,7 +159,7 @@ def supervise(path: Path) -> int:
 
 
 def check_free(listen: str) -> None:
-    """BadInput where another daemon, or another program, has the address of the bench."""
+    """Raise BadInput if another daemon or program uses the address."""
     from dehyst.daemon.client.finding import listens
 
     if listen.startswith("tcp/") and listens(listen):
@@ -170,7 +170,7 @@ def check_free(listen: str) -> None:
 
 
 def check_configuration(path: Path, as_json: bool = False) -> int:
-    """Print what a configuration means."""
+    """Check a configuration and print what it means; return 0."""
     from dehyst.daemon.gateway.process import security_of
 
     controller = load_controller(path)
@@ -215,8 +215,8 @@ def check_configuration(path: Path, as_json: bool = False) -> int:
 
 
 def axis_words(config: Config) -> dict[str, str]:
-    """What an axis' configuration means, by subject. Raises DehystError where `dehyst run` would
-    refuse it."""
+    """Return what an axis' configuration means, by subject. Raises DehystError if `dehyst run`
+    would refuse it."""
     from dehyst.daemon.config.drives import drive_range
     from dehyst.daemon.files.models import load_model
     from dehyst.daemon.loop.checks import check_unopened, devices_of
@@ -248,13 +248,13 @@ def axis_words(config: Config) -> dict[str, str]:
 
 
 def device_words(device: Any) -> str:
-    """Its driver, and where it is."""
+    """Return the device's driver and port."""
     port = device.settings.get("port")
     return f"{device.driver} at {port}" if port else str(device.driver)
 
 
 def trim_words(p: Any, unit: str) -> str:
-    """What the [trim] section means."""
+    """Return what the [trim] section means."""
     if not p["on"]:
         return "off: open loop"
     return (

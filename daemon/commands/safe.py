@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
             )
         except run_folder.InUse:
             raise
-        except DehystError as error:  # no folder, however bad, keeps the output from its safe state
+        except DehystError as error:  # a bad folder must not keep the output from its safe state
             print(f"dehyst safe: {error}; continuing without it", file=sys.stderr)
         outputs = make_safe(controller)
     for name, volts in outputs.items():

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from dehyst.daemon.client.scan_check import Reached
     from dehyst.models.drive_design.scans import Scan
 
-SAMPLING_HZ = 100.0  # every bench takes it: a daemon interpolates between points
-FREE_SLEW = 1e12  # where only models are given
+SAMPLING_HZ = 100.0  # suits every bench: the daemon interpolates between points
+FREE_SLEW = 1e12  # if only models are given: no slew limit
 EPILOG = """The file has the columns t_s, target_x_um, target_y_um (others with --axes and --unit);
 `dehyst play` streams it. Every path begins and ends at rest at the same position, so that it can be
 repeated and learned, and has no corners. With --config (or --model) every target is inverted as in
@@ -134,7 +134,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make, check, write; 0."""
+    """Make, check and write the path; return 0."""
     from dehyst.daemon.client.scan_check import require_reach
     from dehyst.daemon.files.recordings import write_recording
 
@@ -210,7 +210,7 @@ def _scan(args: argparse.Namespace, period_s: float) -> "Scan":
 
 
 def _axes(args: argparse.Namespace) -> tuple[dict[str, "Reached"], float]:
-    """What is known of the axes, by name, and the rate to sample at."""
+    """Return what is known about the axes, by name, and the sampling rate [Hz]."""
     from dehyst.daemon.client.scan_check import axes_of, axis_of_model
     from dehyst.daemon.files.models import load_model
 
@@ -234,8 +234,8 @@ def _middle(one: "Reached | None") -> float:
 
 
 def _running(args: argparse.Namespace) -> "tuple[dict[str, Reached], float] | None":
-    """The axes of the daemon that runs, and its rate; None where there is none with these axes and
-    none was asked for."""
+    """Return the axes of the running daemon and its rate [Hz]; None if no daemon with these axes
+    runs and none was named."""
     from dehyst.daemon.client.connection import address_of, connect_axes
     from dehyst.daemon.client.finding import listens
     from dehyst.daemon.client.scan_check import axis_of_daemon

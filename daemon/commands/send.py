@@ -70,7 +70,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _target(text: str) -> tuple[str, float]:
-    """(axis, value) from "4.5", whose axis is "", or "x=4.5"."""
+    """Parse "4.5", whose axis is "", or "x=4.5" into (axis, value)."""
     axis, _, value = text.rpartition("=")
     return axis, _finite(value)
 
@@ -96,7 +96,7 @@ def _positive(text: str) -> float:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Send, and with --for keep sending."""
+    """Send the command; with --for, keep sending it."""
     from dehyst.daemon import clock
 
     targets = dict(args.target)
@@ -155,13 +155,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def where(status: "Status") -> str:
-    """Where the stage is now, and what corrects it."""
+    """Describe the stage's present position and how it is controlled."""
     at = status.gateway
     return f"{place(at.measured, at.target, status.volts, status.unit)}; {positioning(status)}"
 
 
 def say_end(stage: "Group", words: "Callable[[Config], str]") -> None:
-    """What the stage does from now on: of each axis, in one line where it is the same for all."""
+    """Print what the stage does from now on: one line per axis, or one if all are equal."""
     of_axes = {client.name: words(client.config()) for client in stage.clients.values()}
     if len(set(of_axes.values())) == 1:
         of_axes = {stage.name: next(iter(of_axes.values()))}
@@ -170,12 +170,12 @@ def say_end(stage: "Group", words: "Callable[[Config], str]") -> None:
 
 
 def released(config: "Config") -> str:
-    """What a release does."""
+    """Describe what a release does."""
     return f"ramps to {config.safe.voltage_v:g} V at {config.safe.ramp_v_per_s:g} V/s now"
 
 
 def going_to(target: float, status: "Status") -> str:
-    """Where the stage goes, in words."""
+    """Describe where the stage goes; if the target cannot be reached, to the nearest position."""
     low, high, unit = status.reach_min, status.reach_max, status.unit
     nearest = min(max(target, low), high)
     if nearest == target or math.isnan(nearest):

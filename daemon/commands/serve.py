@@ -1,4 +1,4 @@
-"""Serve a controller in the words of another one."""
+"""Serve a controller in another controller's protocol."""
 
 import argparse
 import logging
@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Until SIGTERM or Ctrl-C."""
+    """Serve until SIGTERM or Ctrl-C."""
     from dehyst.daemon.kernel_cache import load_lightly
 
     load_lightly()
@@ -71,8 +71,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _end_at_signals(server: "object") -> threading.Thread:
-    """A thread that ends the server at SIGTERM or Ctrl-C: it cannot be ended from a handler, which
-    runs in the thread that serves."""
+    """Start a thread that ends the server at SIGTERM or Ctrl-C. A signal handler cannot end it,
+    because it runs in the thread that serves."""
     asked = threading.Event()
 
     def ask(_number: int, _frame: FrameType | None) -> None:
@@ -90,7 +90,8 @@ def _end_at_signals(server: "object") -> threading.Thread:
 
 
 def address(text: str, anywhere: bool) -> tuple[str, int]:
-    """(host, port). Raises BadInput where it is none, or is not this machine's alone."""
+    """Parse HOST:PORT into (host, port). Raises BadInput if it is not valid, or if other machines
+    can reach it and `anywhere` is false."""
     host, _, port = text.rpartition(":")
     host = host.strip("[]")
     if not host or not port.isdigit() or int(port) > 65535:

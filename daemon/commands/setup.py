@@ -1,4 +1,4 @@
-"""from two plugged-in units to a validated model, step by step"""
+"""lead from two plugged-in units to a validated model, step by step"""
 
 import argparse
 import sys
@@ -13,8 +13,8 @@ from dehyst.models.errors import BadInput
 OUTPUTS = ("x", "y", "z")
 AMPLIFIERS = {name: name.upper() for name in ("mdt693b", "mdt694b", "kpz101", "kpc101", "bpc303")}
 WITH_GAUGE = ("kpc101", "bpc303")
-"""These read the gauge of their output themselves."""
-UNITS = ("mdt693b", "kpz101", *WITH_GAUGE, "ksg101")  # how the ports of an emulated bench begin
+"""Amplifiers that read the gauge of their output themselves."""
+UNITS = ("mdt693b", "kpz101", *WITH_GAUGE, "ksg101")  # prefixes of an emulated bench's port names
 DESCRIPTION = """\
 Sets up a stage, from two plugged-in units to a validated model: finds the units, asks for the
 stage's limits, measures the rate, writes the configuration, exercises the stage gently, excites and
@@ -118,7 +118,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _axes(text: str) -> tuple[str, ...]:
-    """x,y,z, or their number."""
+    """Parse axis names such as x,y,z, or their number."""
     names = OUTPUTS[: int(text)] if text in ("2", "3") else tuple(text.split(","))
     if len(names) < 2 or len(set(names)) < len(names) or not set(names) <= set(OUTPUTS):
         raise argparse.ArgumentTypeError(f"{text!r}: several of x, y, z (x,y), or 2 or 3")
@@ -126,7 +126,7 @@ def _axes(text: str) -> tuple[str, ...]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do the steps; 0, or 1 where one found something."""
+    """Run the steps; return 0, or 1 if a model is worse than it claims or does not help."""
     from rich.console import Console
 
     from dehyst.daemon.setup.journal import Journal
@@ -170,7 +170,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _noted_amplifier(folder: Path) -> str:
-    """That of the bench that an earlier set-up in this folder has used; else an MDT693B."""
+    """Return the amplifier of the bench that an earlier set-up in this folder used, otherwise
+    "mdt693b"."""
     from dehyst.daemon.bench.emulated import noted
 
     words = noted(folder)
@@ -217,5 +218,5 @@ def _conclude(bench: Any, args: argparse.Namespace) -> int:
 
 
 def _each(result: dict[str, Any]) -> list[dict[str, Any]]:
-    """What came of each axis."""
+    """Return the result of each axis; for one axis, the result itself."""
     return list(result["axes"].values()) if "axes" in result else [result]

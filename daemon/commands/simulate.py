@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate and write; 0."""
+    """Simulate and write; return 0."""
     check_outputs([args.output], [args.model, args.recording], args.force)
     found = simulate(load_model(args.model), read_one_given(args.recording, args))
     found.save(args.output, force=args.force)

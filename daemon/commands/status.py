@@ -1,4 +1,4 @@
-"""One screen about each axis of a running daemon."""
+"""Print one screen about each axis of a running daemon."""
 
 import argparse
 from typing import TYPE_CHECKING, Any
@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Ask once; 0, or 1 where something needs a look."""
+    """Query once and print; return 0, or 1 if something needs attention."""
     from dehyst.daemon.terminal.overview import describe_kind, find_troubles, overview
 
     found: dict[str, dict[str, Any]] = {}

@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Validate; 0, or 1 where a model is worse than it claims."""
+    """Validate; return 0, or 1 if a model is worse than it claims."""
     models = [name for name in args.inputs if _is_model(name)]
     paths = [Path(name) for name in args.inputs if not _is_model(name)]
     if not models or not paths:

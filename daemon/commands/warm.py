@@ -13,12 +13,12 @@ example: dehyst warm
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """The command takes no arguments."""
+    """Configure `dehyst warm`, which takes no arguments."""
     parser.epilog = EPILOG
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run everything that is compiled, briefly, on the simulated stage; in two processes."""
+    """Briefly run everything that needs compiling on the simulated stage, in two processes."""
     print("dehyst warm: looking for kernels that are not compiled yet", file=sys.stderr, flush=True)
     from dehyst.daemon import clock
     from dehyst.daemon.terminal.compiling import compiling_shown
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
             compile_in_two()
             with compiling_beside(__name__):
                 _compile_loop()
-        _compile_offline()  # what the other process has done is on disk
+        _compile_offline()  # the other process' kernels are on disk by now
     if compilations.count:
         seconds = (clock.monotonic_ns() - begun_ns) / clock.NS
         done = f"compiled the kernels in {seconds:.0f} s"

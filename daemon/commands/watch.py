@@ -47,7 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Until --for, q or Ctrl-C."""
+    """Watch until --for, q or Ctrl-C."""
     if args.list:
         return list_all(args)
     from rich.console import Console
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 class Watched:
-    """One axis that is watched. seconds: in its plots."""
+    """One axis being watched. seconds: length of its plots."""
 
     def __init__(self, client: "Client", seconds: float) -> None:
         from dehyst.daemon.terminal import view
@@ -109,7 +109,7 @@ class Watched:
         self.window = view.RecentTelemetry(seconds, status.period_ns)
 
     def read(self, timeout_s: float) -> None:
-        """Take the telemetry that has come; a loop that has just started may have another rate."""
+        """Take new telemetry; if the loop has restarted at another rate, begin a new window."""
         from dehyst.daemon.terminal import view
 
         status = self.feed.status
@@ -119,7 +119,7 @@ class Watched:
         self.window.add(self.stream.read(timeout_s))
 
     def view(self) -> "view.AxisScreen":
-        """What the screen shows of it."""
+        """Return what the screen shows about the axis."""
         from dehyst.daemon.terminal import view
 
         feed = self.feed
@@ -128,7 +128,7 @@ class Watched:
         )
 
     def print_lines(self, head: str) -> None:
-        """Events that came, and one line on how it is."""
+        """Print the new events and one line with the present state."""
         from dehyst.daemon.printable import printable
         from dehyst.daemon.terminal import view
 
@@ -140,7 +140,7 @@ class Watched:
 
 
 def list_all(args: argparse.Namespace) -> int:
-    """Who is there, at a daemon or through a router: 1 where nobody is."""
+    """List the controllers that answer, directly or via a router; return 1 if there are none."""
     from dehyst.daemon.bus import encoding
     from dehyst.daemon.bus.keys import Keys
     from dehyst.daemon.bus.messages import Status
@@ -159,7 +159,7 @@ def list_all(args: argparse.Namespace) -> int:
                 answer = next(bus.ask(Keys(args.base, name).rpc("status"), timeout_s=1.0))
                 found[name] = encoding.decode(Status, answer)
             except (BusError, encoding.BadMessage):
-                found[name] = None  # it has just gone, or may not be asked
+                found[name] = None  # it has just ended, or these credentials may not query it
     if args.json:
         print_json(found)
         return 0 if names else 1

@@ -1,4 +1,4 @@
-"""Say where gauge and model disagree, and set the gauge's zero."""
+"""Report where gauge and model disagree, and set the gauge's zero."""
 
 import argparse
 import math
@@ -66,7 +66,7 @@ def _seconds(text: str) -> float:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exercise where asked, compare, set."""
+    """Exercise if requested, compare, and set the zero of each axis; return the exit status."""
     if args.exercise and args.look:
         raise BadInput("--look moves nothing; leave out --exercise")
     with connect_axes(args, "zero") as stage:
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
-    """Exercise where asked, compare, set; of one axis, what came of it."""
+    """Exercise one axis if requested, compare, and set its zero; return its result."""
     from dehyst.daemon.client import zero
 
     config = client.config()
@@ -94,7 +94,7 @@ def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
         say(f"{of}done; the stage {after_the_last(config)}")
     else:
         found = zero.compare_zero(client)
-    status = client.status()  # newer than the shift that came before this command
+    status = client.status()  # includes any shift made before this command
     shift = 0.0 if args.look else -found.mean
     if found.samples and shift:
         client.move_zero(shift)
@@ -117,7 +117,7 @@ def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
 
 
 def print_disagreement(found: "Disagreement", shift: float, keep: str, unit: str) -> None:
-    """The same in words. keep: the line that keeps the zero."""
+    """Print the disagreement. keep: the configuration line that keeps the zero."""
     if not found.samples:
         print("the gauge gives no valid reading, so the zero was not set")
         return
