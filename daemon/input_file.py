@@ -1,4 +1,4 @@
-"""Read foreign files with bounds, so that no silent pipe or endless device can block."""
+"""Read untrusted files within bounds, so that a silent pipe or an endless device cannot block."""
 
 import os
 import stat

@@ -1,10 +1,10 @@
 """The log of a process that must keep running whatever happens to its stdout and stderr.
 
-A write to a stopped terminal, a pipe that nobody reads, a full disk or a closed reader may block
-forever or fail. Here a line is only put into a queue, and a thread writes it to the original stdout
-or stderr. A line for which there is no room, or whose write fails, is dropped and counted; the
-count is reported with the next line that can be written. Output of compiled code to descriptors 1
-and 2 goes the same way: they become pipes that never block.
+A write to a stopped terminal, a full or closed pipe or a full disk may block forever or fail. Here
+a line is only put into a queue, and a thread writes it to the original stdout or stderr. A line for
+which there is no room, or whose write fails, is dropped and counted; the count is reported with the
+next line that can be written. Output of compiled code to descriptors 1 and 2 goes the same way:
+they become pipes that never block.
 
 All processes of one supervisor keep their counts in shared memory (`dropped`), which also records
 whether one of them has printed a message for all (`first_to_say`).

@@ -1,4 +1,4 @@
-"""Make foreign text safe to show on a terminal, without control sequences."""
+"""Make untrusted text safe to show on a terminal, without control sequences."""
 
 
 def printable(text: str) -> str:

@@ -87,7 +87,7 @@ def _print_report(args: argparse.Namespace) -> int:
 
 
 def newest_report_ns(reports: "Sequence[DoctorReport]") -> int:
-    """Return the time of the newest report [ns], or -1 if there is none."""
+    """Return when the newest mismatch was detected [ns], or -1 if there is none."""
     return reports[-1].time_ns if reports else -1
 
 

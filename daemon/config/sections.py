@@ -115,7 +115,8 @@ class SafeConfig(_Strict, frozen=True):
     on_stop: Literal["ramp", "hold"] = "ramp"
     """When the daemon ends: ramp to voltage_v, or leave the output as it is."""
     on_fault: Literal["ramp", "hold"] = "hold"
-    """The same after a fault has ended, and after the loop's process has died."""
+    """After a fault has ended, or after the loop's process has died: ramp to voltage_v, or leave
+    the output as it is."""
 
 
 class SetpointConfig(_Strict, frozen=True):
@@ -193,7 +194,8 @@ class BusConfig(_Strict, frozen=True):
     """Prefix of every key."""
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     connect: tuple[str, ...] = ()
-    """Routers through which clients also find this daemon; with `listen = []`, the only ones."""
+    """Routers through which clients also find this daemon; with `listen = []`, only through
+    them."""
     auth: AuthConfig | None = None
 
 
@@ -230,7 +232,7 @@ class DoctorConfig(_Strict, frozen=True):
     accept: bool = False
     """true: an offered model is accepted automatically, for the usual trial."""
     test_s: Annotated[float, Meta(ge=2, le=600)] = 10.0
-    """Duration of the held-out, later telemetry on which an offered model is tested."""
+    """Duration of the later telemetry on which an offered model is tested."""
     trial_s: Annotated[float, Meta(ge=2, le=3600)] = 10.0
     """Seconds of motion within which the error must fall; otherwise the previous model is
     restored."""

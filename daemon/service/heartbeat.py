@@ -17,7 +17,7 @@ from dehyst.models.errors import BadInput
 
 CORE_HANG_S, GATEWAY_HANG_S, START_S = 10.0, 20.0, 300.0
 LONGEST_LOOK_S = 1.0
-"""Longest time counted between two looks; if more has passed, the machine itself was stopped."""
+"""Longest time counted between two looks; if more has passed, the machine itself stalled."""
 
 
 @dataclass

@@ -128,8 +128,8 @@ def stem_of(name: str) -> str:
 
 def play_in_time(once: Callable[[], Recording], samples: int) -> tuple[Recording, float]:
     """Repeat a run until it has hardly any late samples, at most TUNING.attempts times; return the
-    run with the fewest and their share. While the machine is stopped, so is the voltage, and the
-    error is not the model's."""
+    run with the fewest and their share. While the machine stalls, the voltage stays constant, and
+    the resulting error is not the model's."""
     runs = []
     for _ in range(TUNING.attempts):
         found = once()

@@ -89,8 +89,9 @@ def exercise_gently(bench: Workbench) -> dict[str, Any]:
 
 
 def check_gauge_follows(recording: Recording, span_v: float) -> float:
-    """Return the slope of gauge over drive [displacement unit / V]. Raises NotNow if the gauge does
-    not follow the drive, so may not be on the stage that the amplifier drives."""
+    """Return the slope of gauge over drive [displacement unit / V]. Raises NotNow if too many
+    readings are missing, or if the gauge does not follow the drive and so may be on another
+    stage."""
     drive, y = recording.drive, recording.displacement
     assert y is not None
     good = ~(recording.missing_drive | recording.missing_displacement)
@@ -164,8 +165,8 @@ def describe_drive(bench: Workbench, seed: int, exercise_s: float) -> str:
 
 
 def record_drive(bench: Workbench, seed: int, exercise_s: float, stem: str) -> dict[str, Any]:
-    """Play the drive of this seed and record. Raises NotNow if it excites too little to identify a
-    model."""
+    """Play the drive of this seed and record. Raises NotNow if the drive for identification, with
+    seed 0, excites too little."""
     drive = drive_for(bench.config(), bench.wishes, seed)
     found = bench.play(drive.t_s, drive.u, exercise_s, "recording")
     path = bench.keep(found, stem)

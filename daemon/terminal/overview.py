@@ -13,9 +13,9 @@ from dehyst.models.model import Model
 LEVELS = {1: "", 2: "warning: ", 3: "error: "}
 EVENTS = 8
 MOST_MISSED = 1e-3
-"""Share of missed deadlines above which the status reports a trouble."""
+"""Share of missed deadlines above which the status reports a problem."""
 LONGEST_START_S = 300.0
-"""A longer start is reported as a trouble; compiling all kernels takes one to three minutes."""
+"""A longer start is reported as a problem; compiling all kernels takes one to three minutes."""
 REASONS = {
     "start": "kernels are compiled and devices opened; the output stays as found",
     "ready": "no client commands the stage; the output stays where it is",

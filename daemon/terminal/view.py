@@ -32,7 +32,7 @@ STATES = {"running": "green", "ready": "cyan", "holding": "yellow", "fault": "bo
 
 
 class RecentTelemetry:
-    """The newest `seconds` of telemetry, thinned to at most POINTS samples."""
+    """The newest `seconds` of telemetry, thinned to fewer than 2 * POINTS samples."""
 
     def __init__(self, seconds: float, period_ns: int) -> None:
         self.seconds = seconds
@@ -57,7 +57,7 @@ class RecentTelemetry:
         return flags
 
     def samples(self) -> NDArray[Any]:
-        """Return (n,) samples of the window, only every k-th if there are more than POINTS."""
+        """Return (n,) samples of the window, only every k-th if there are 2 * POINTS or more."""
         if not self._parts:
             return np.zeros(0, TELEMETRY)
         joined = np.concatenate(list(self._parts))[-self.keep :]
