@@ -57,11 +57,11 @@ class RecentTelemetry:
         return flags
 
     def samples(self) -> NDArray[Any]:
-        """Return (n,) samples of the window, only every k-th if there are 2 * POINTS or more."""
+        """Return (n,) samples of the window, every k-th of them if there are more than POINTS."""
         if not self._parts:
             return np.zeros(0, TELEMETRY)
         joined = np.concatenate(list(self._parts))[-self.keep :]
-        return joined[:: max(1, joined.size // POINTS)]
+        return joined[:: -(-joined.size // POINTS)]
 
     def newest(self) -> Any:
         """Return the newest record, or None."""
