@@ -61,7 +61,7 @@ class RecentTelemetry:
         if not self._parts:
             return np.zeros(0, TELEMETRY)
         joined = np.concatenate(list(self._parts))[-self.keep :]
-        return joined[:: -(-joined.size // POINTS)]
+        return joined[:: max(1, -(-joined.size // POINTS))]
 
     def newest(self) -> Any:
         """Return the newest record, or None."""
