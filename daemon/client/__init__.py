@@ -1,1 +1,1 @@
-"""What remote programs talk to a daemon with: client, player, telemetry."""
+"""Access to a daemon for remote programs: client, player, telemetry."""

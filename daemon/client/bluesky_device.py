@@ -7,8 +7,8 @@
     stage = Stage("stage")
     RunEngine()(plans.scan([stage], stage, 2.0, 8.0, 13))
 
-bluesky asks for methods, not for a base class, so that nothing of it is imported here. What a stage
-is is in dehyst.daemon.client.positioner; this file only says it in bluesky's words.
+bluesky requires methods, not a base class, so nothing of it is imported here. The stage itself is
+implemented in dehyst.daemon.client.positioner; this module only adapts it to bluesky's interface.
 """
 
 import time
@@ -25,47 +25,50 @@ from dehyst.models.errors import BadInput
 
 Answer = dict[str, dict[str, Any]]
 FIELDS = ("", "_setpoint", "_drive")
-"""Of each event: the reading, the target, the volts."""
+"""Suffixes of each event's fields: reading, target, volts."""
 
 
 class Doing:
-    """What bluesky calls a status: done or not, and how it ended."""
+    """A bluesky status: whether an action is done, and how it ended."""
 
     def __init__(self, future: "Future[Any]") -> None:
         self._future = future
 
     def __repr__(self) -> str:
-        """What the RunEngine prints of one that failed."""
+        """Return what the RunEngine prints for a failed status."""
         error = self.exception()
         return f"failed: {error}" if error else "done" if self.done else "under way"
 
     @property
     def done(self) -> bool:
-        """Over, well or not."""
+        """Return whether the action is over, successful or not."""
         return self._future.done()
 
     @property
     def success(self) -> bool:
-        """Over, and well."""
+        """Return whether the action is over and was successful."""
         return self.done and self._future.exception() is None
 
     def exception(self, timeout: float | None = 0.0) -> BaseException | None:
-        """Why it failed; None while it goes on, and where it did not."""
+        """Return why the action failed; None while it runs or if it did not fail."""
         return self._future.exception(timeout) if timeout or self.done else None
 
     def add_callback(self, callback: Callable[["Doing"], None]) -> None:
-        """Call when it is over, at once where it is."""
+        """Call `callback` when the action is over, at once if it already is."""
         self._future.add_done_callback(lambda _: callback(self))
 
     def wait(self, timeout: float | None = None) -> None:
-        """Wait for the end. Raises what made it fail."""
+        """Wait for the end. Raises the exception that made it fail."""
         self._future.result(timeout)
 
 
 class BlueskyStage:
-    """name: prefix of the fields; positioner: None makes one of the daemon that $DEHYST_CONNECT
-    names; average_s: how long each reading is averaged; every: of the samples of a flight one in so
-    many becomes an event."""
+    """The stage as a bluesky device.
+
+    name: prefix of the fields; positioner: None makes one for the daemon that $DEHYST_CONNECT
+    names; average_s: averaging time of each reading [s]; every: one in `every` samples of a flight
+    becomes an event.
+    """
 
     parent = None
 
@@ -85,7 +88,7 @@ class BlueskyStage:
         self.hints = {"fields": [name]}
 
     def close(self) -> None:
-        """Let go of the stage."""
+        """Release the stage and close the connection."""
         self._positioner.close()
 
     # -- a place ---------------------------------------------------------------------------------
@@ -95,25 +98,25 @@ class BlueskyStage:
         return Doing(self._positioner.go(value))
 
     def stop(self, *, success: bool = False) -> None:
-        """End what is on its way, and hold; later the output ramps to the safe voltage. Called by
-        a run that fails or is ended by hand."""
+        """Stop the motion in progress and hold; later the output ramps to the safe voltage. Called
+        by a run that fails or is aborted by the user."""
         if not success:
             self._positioner.stop()
 
     def check_value(self, value: float) -> None:
-        """Raises BadInput where the stage does not reach that far."""
+        """Raise BadInput if `value` is out of the stage's reach."""
         low, high = self.limits
         if not low <= value <= high:
             raise BadInput(f"{value:g} {self._unit} is out of reach, {low:g} to {high:g}")
 
     @property
     def limits(self) -> tuple[float, float]:
-        """How far the stage reaches."""
+        """Return the smallest and largest set-point that the stage reaches."""
         return self._positioner.reach
 
     @property
     def position(self) -> float:
-        """Where it stands."""
+        """Return the measured position."""
         return self._positioner.read().result().measured
 
     # -- a reading -------------------------------------------------------------------------------
@@ -129,7 +132,7 @@ class BlueskyStage:
             self._newest = future.result()
 
     def read(self) -> Answer:
-        """What trigger() took; a reading of now where it did not."""
+        """Return the reading that trigger() took, or a new one if there is none."""
         newest = self._newest if self._newest is not None else self._positioner.read().result()
         self._newest = None
         values = (newest.measured, newest.target, newest.volts)
@@ -139,7 +142,7 @@ class BlueskyStage:
         }
 
     def describe(self) -> Answer:
-        """What the fields are."""
+        """Describe the fields of read()."""
         units = (self._unit, self._unit, "V")
         source = f"dehyst:{self._positioner.name}"
         return {
@@ -156,12 +159,12 @@ class BlueskyStage:
         }
 
     def read_configuration(self) -> Answer:
-        """What the readings were taken with."""
+        """Return the settings with which readings are taken."""
         now = time.time()
         return {name: {"value": v, "timestamp": now} for name, (v, _) in self._configured().items()}
 
     def describe_configuration(self) -> Answer:
-        """What those are."""
+        """Describe the fields of read_configuration()."""
         return {
             name: {"source": "dehyst", "dtype": kind, "shape": []}
             for name, (_, kind) in self._configured().items()
@@ -185,7 +188,7 @@ class BlueskyStage:
     # -- a flight --------------------------------------------------------------------------------
 
     def prepare(self, value: tuple[ArrayLike, ArrayLike]) -> Doing:
-        """The trajectory that kickoff() begins: (n,) times [s] and (n,) targets."""
+        """Set the trajectory that kickoff() starts: (n,) times [s] and (n,) targets."""
         t_s, targets = (np.array(part, float) for part in value)
         self._way = (t_s, targets)
         future: Future[None] = Future()
@@ -193,7 +196,7 @@ class BlueskyStage:
         return Doing(future)
 
     def kickoff(self) -> Doing:
-        """Begin the trajectory. Raises BadInput where there is none."""
+        """Start the trajectory. Raises BadInput if none was prepared."""
         if self._way is None:
             raise BadInput("no trajectory: prepare(stage, (t_s, targets)) comes before kickoff")
         self._flight = self._positioner.fly(*self._way)
@@ -202,7 +205,8 @@ class BlueskyStage:
         return Doing(future)
 
     def complete(self) -> Doing:
-        """Done when the trajectory is over; fails where the daemon did not go through with it."""
+        """Return a status that is done when the trajectory is over and fails if it ended early.
+        Raises BadInput before kickoff()."""
         if self._flight is None:
             raise BadInput("nothing flies: kickoff comes before complete")
         over: Future[None] = Future()
@@ -217,13 +221,13 @@ class BlueskyStage:
         return Doing(over)
 
     def describe_collect(self) -> dict[str, Answer]:
-        """The fields of collect(), in a stream of the stage's own name."""
+        """Describe the fields of collect(), in a stream named after the stage."""
         fields = self.describe()
         place = {**fields[self.name], "source": f"dehyst:{self._positioner.name}/predicted"}
         return {self.name: {**fields, f"{self.name}_predicted": place}}
 
     def collect(self) -> Iterator[dict[str, Any]]:
-        """The samples of the flight, one event each (one in `every`)."""
+        """Yield the samples of the flight as events, one event per `every` samples."""
         if self._flight is None:
             return
         flight, self._flight = self._flight.result(), None

@@ -1,4 +1,4 @@
-"""The client: what the remote commands and users' own programs talk to a daemon with.
+"""The client through which remote commands and user programs control a daemon.
 
     from dehyst.client import Client
 
@@ -7,9 +7,10 @@
         for samples in stage.telemetry():
             print(samples["measured"][-1])
 
-Displacements are in the model's unit (`status().unit`, um on most stages). A Client may be used
-by several threads: commands are sent one after another, the newest counts. A process that is forked
-makes its own. Commanding takes the daemon's lease by itself; `take_over()` takes it from another.
+Displacements are in the model's unit (`status().unit`, um on most stages). Several threads may
+share a Client: commands are sent one at a time and the newest one takes effect. A forked process
+must create its own. The first command acquires the daemon's lease automatically; `take_over()`
+takes it from another client.
 """
 
 import logging
@@ -44,17 +45,17 @@ from dehyst.daemon.client.questions import DaemonQueries
 from dehyst.daemon.client.repeated import Repeated
 from dehyst.models.errors import DehystError
 
-if TYPE_CHECKING:  # scipy takes its time
+if TYPE_CHECKING:  # importing scipy is slow
     from dehyst.daemon.client.learning import LessonTaker
 
 log = logging.getLogger(__name__)
 DEFAULT = "tcp/127.0.0.1:7447"
 ADDRESS, CREDENTIALS = "DEHYST_CONNECT", "DEHYST_CREDENTIALS"
-"""What the environment may say instead of the defaults."""
+"""Environment variables that override the defaults."""
 
 
 class Refusal(DehystError):
-    """The daemon refused a command. code: see dehyst.daemon.bus.refusal_codes.CODES."""
+    """The daemon refused a command. code: one of dehyst.daemon.bus.refusal_codes.CODES."""
 
     def __init__(self, code: str, text: str) -> None:
         how = "; take_over() or --take-over does" if code == "lease-taken" else ""
@@ -65,11 +66,11 @@ class Refusal(DehystError):
 class Client(DaemonQueries):
     """A connection to one daemon.
 
-    name: the controller's name; None: the only one that answers. connect: zenoh address, or
-    several; None: $DEHYST_CONNECT, else this machine's daemon. label: who this is, for others who
-    want to command. credentials: a directory with ca.pem, certificate.pem and key.pem, or a file
-    with one line name:password; None: $DEHYST_CREDENTIALS. Raises BusError where nobody is there,
-    or where there are several and no name was given.
+    name: the controller's name; None: the only one that answers. connect: one or several zenoh
+    addresses; None: $DEHYST_CONNECT, else the daemon on this machine. label: identifies this client
+    to others who want to command. credentials: a directory with ca.pem, certificate.pem and
+    key.pem, or a file with one line name:password; None: $DEHYST_CREDENTIALS. Raises BusError if no
+    daemon answers, or if several do and no name was given.
     """
 
     def __init__(
@@ -95,7 +96,7 @@ class Client(DaemonQueries):
 
     @classmethod
     def of_axis(cls, bus: Bus, keys: Keys, label: str, number: int) -> Self:
-        """A client that shares a connection, and the number of who commands, with others."""
+        """Return a client that shares its connection and client number with others."""
         client = cls.__new__(cls)
         client._begin(bus, keys, label, number)
         return client
@@ -104,19 +105,19 @@ class Client(DaemonQueries):
         self._connected(bus, keys)
         self.client = number
         self.commanding = threading.RLock()
-        self.report: Report = ignore  # gets sentences worth knowing while a trajectory is played
+        self.report: Report = ignore  # receives messages for the user while a trajectory plays
         self.label = (label or f"client {os.getpid()} on {socket.gethostname()}")[:64]
         self.together: tuple[Client, ...] = (self,)
         self._lease = self._sequence = 0
         self._senders: dict[str, Any] = {}
 
     def close(self) -> None:
-        """Give up the lease and end the connection. Safe to call twice."""
+        """Give up the lease and close the connection. Safe to call twice."""
         self.give_up()
         self.bus.close()
 
     def give_up(self) -> None:
-        """Give the lease back, so that others need not wait for its end."""
+        """Give up the lease, so that others need not wait until it expires."""
         if not self._lease or not self.bus.is_of_this_process:
             return
         patience_s, self.patience_s = self.patience_s, 0.0
@@ -129,7 +130,7 @@ class Client(DaemonQueries):
     # -- commands -------------------------------------------------------------------------------
 
     def acquire(self) -> None:
-        """Take the command lease. Raises Refusal where another client holds it."""
+        """Take the command lease. Raises Refusal if another client holds it."""
         self._take("acquire")
 
     def take_over(self) -> None:
@@ -137,26 +138,27 @@ class Client(DaemonQueries):
         self._take("take-over")
 
     def renew(self) -> None:
-        """Keep the lease without a command."""
+        """Renew the lease without sending a command."""
         self._command(lambda: self._request("renew"))
 
     def send(self, value: float, allow_unreachable: bool = False, stay: bool = False) -> Reply:
         """Go to `value` and wait for the daemon's answer. Raises Refusal with the reason.
 
-        A single set-point holds for `setpoint.stale_s` of the daemon's configuration; send it
-        again before that to stay. stay: it holds until another command, also after this client has
-        gone; refused unless the daemon's configuration has `setpoint.stay = true`.
+        A set-point expires after `setpoint.stale_s` of the daemon's configuration; send it again
+        before then to stay. stay: it remains valid until the next command, even after this client
+        has disconnected; refused unless the daemon's configuration has `setpoint.stay = true`.
         """
         return self._command(lambda: self._setpoint(value, allow_unreachable, stay))
 
     def hold(self, stay: bool = False) -> Reply:
-        """Keep the present voltage, wherever that leaves the stage, for `setpoint.hold_s`; stay: as
-        for send. The stage may creep: `send` keeps a place, this keeps a voltage."""
+        """Hold the present voltage for `setpoint.hold_s`; stay: as for send. The stage may creep:
+        `send` keeps the position, `hold` keeps the voltage."""
         return self._command(lambda: msgspec.structs.replace(self._request("hold"), stay=stay))
 
     def put(self, value: float, allow_unreachable: bool = False) -> None:
-        """Go to `value`, fire and forget: for loops that send hundreds a second. A refusal is
-        only seen in `feed().rejections`. The lease is taken at the first call."""
+        """Go to `value` without waiting for an answer, for programs that send hundreds of
+        set-points per second. Refusals appear only in `feed().rejections`. The first call takes the
+        lease."""
         self.bus.check_process()
         with self.commanding:
             if not self._lease:
@@ -177,8 +179,8 @@ class Client(DaemonQueries):
         correction: NDArray[np.float64] | None = None,
         axes: Sequence[str] = (),
     ) -> Reply:
-        """Send the next points of a trajectory; correction: what was learned for each, added to its
-        target; axes: all that play it together, by name. Raises Refusal."""
+        """Send the next points of a trajectory. correction: learned correction of each point, added
+        to its target; axes: names of all axes that play it together. Raises Refusal."""
         return self._command(
             lambda: Chunk(
                 client=self.client,
@@ -208,11 +210,11 @@ class Client(DaemonQueries):
     ) -> Played:
         """Stream a trajectory, (n,) times [s] and (n,) targets, and wait for its end.
 
-        progress(played_s, total_s) is called several times a second; on_samples gets the
-        telemetry; lead_s of trajectory are kept ahead; repeat: how often it is played, one typical
-        step between; 0: until an interrupt. Raises Refusal, or BusError where the
-        daemon is gone for longer than what was sent ahead lasts. An interrupt stops the motion
-        and is raised again.
+        progress(played_s, total_s) is called several times per second; on_samples receives the
+        telemetry; lead_s: how much of the trajectory is sent ahead; repeat: number of passes,
+        separated by one typical step; 0: until an interrupt. Raises Refusal, or BusError if the
+        daemon is gone for longer than the points sent ahead last. An interrupt stops the motion and
+        is raised again.
         """
         points = Repeated(t_s, value, repeat)
         return play(self, points, allow_unreachable, progress, on_samples, lead_s)
@@ -224,21 +226,21 @@ class Client(DaemonQueries):
         allow_unreachable: bool = False,
         progress: Callable[[float, float], None] | None = None,
     ) -> Played:
-        """Stream a trajectory that is corrected by what its passes teach: see `dehyst play --learn`
-        and dehyst.daemon.client.play_learning."""
+        """Stream a trajectory whose corrections are learned from pass to pass: see
+        `dehyst play --learn` and dehyst.daemon.client.play_learning."""
         return play(self, points, allow_unreachable, progress, None, LEARNING_LEAD_S, lessons)
 
     def move_zero(self, shift: float) -> None:
-        """Add `shift` to every reading of the gauge from now on."""
+        """Add `shift` to every gauge reading from now on."""
         self._command(lambda: self._request("zero", shift))
 
     def decide_offer(self, action: Literal["accept", "reject"], number: int) -> None:
-        """Accept or reject the doctor's offer of this number. Needs no lease. Raises Refusal."""
+        """Accept or reject the doctor's offer with this number. Needs no lease. Raises Refusal."""
         self._send_request(msgspec.structs.replace(self._request(action), offer=number))
 
     def stop(self, axes: Sequence[str] = ()) -> None:
         """Drop all targets: the output holds, then ramps to the safe voltage. Needs no lease. axes:
-        names of axes of this controller that are stopped by the same message, this one too."""
+        names of the controller's axes to stop with the same message, including this one."""
         self._send_request(msgspec.structs.replace(self._request("stop"), axes=tuple(axes)))
 
     def release(self, axes: Sequence[str] = ()) -> None:
@@ -259,9 +261,9 @@ class Client(DaemonQueries):
         return reply
 
     def _command(self, make: Callable[[], Command]) -> Reply:
-        """Send a command under the lease; where the gateway was restarted, take it anew once. One
-        at a time: lease and sequence numbers belong to the client, whichever thread sends."""
-        self.bus.check_process()  # before the lock, which a thread may have held at the fork
+        """Send a command under the lease; if the gateway was restarted, acquire the lease again
+        once. Commands are serialized: all threads share the client's lease and sequence numbers."""
+        self.bus.check_process()  # before the lock, which another thread may have held at the fork
         with self.commanding:
             if not self._lease:
                 self.acquire()
@@ -274,7 +276,7 @@ class Client(DaemonQueries):
         return reply
 
     def _take(self, action: Action) -> None:
-        """Take the lease, for all axes that are commanded together or for none."""
+        """Take the lease for all axes that are commanded together, or for none."""
         self.bus.check_process()
         with self.commanding:
             self._lease = 0

@@ -1,4 +1,4 @@
-"""What the remote commands share: how to reach a daemon, and how to print results."""
+"""Shared by the remote commands: connecting to a daemon and printing results."""
 
 import argparse
 import getpass
@@ -18,7 +18,7 @@ from dehyst.drivers import system
 
 
 def add_connection(parser: argparse.ArgumentParser) -> None:
-    """--connect, --name and --base."""
+    """Add the options --connect, --credentials, --name and --base."""
     group = parser.add_argument_group("connection")
     group.add_argument(
         "--connect",
@@ -44,24 +44,24 @@ def add_connection(parser: argparse.ArgumentParser) -> None:
 
 
 def address_of(args: argparse.Namespace) -> tuple[str, str]:
-    """(address, credentials) as given, else as the environment says, else the defaults."""
+    """Return (address, credentials) from the options, else the environment, else the defaults."""
     where = args.connect or os.environ.get(ADDRESS, DEFAULT)
     given = args.credentials
     return where, os.environ.get(CREDENTIALS, "") if given is None else given
 
 
 def connect(args: argparse.Namespace, what: str) -> Client:
-    """The client of one command. `what` tells others who commands. Raises BusError."""
+    """Return the client of one command. `what` names the command to others. Raises BusError."""
     return Client(args.name, args.connect, args.base, label_of(what), args.credentials)
 
 
 def connect_axes(args: argparse.Namespace, what: str, axes: Sequence[str] | None = None) -> Group:
-    """As `connect`, for these axes of the controller, all where None is given."""
+    """Same as `connect`, for these axes of the controller; None: all."""
     return Group(args.name, axes, args.connect, args.base, label_of(what), args.credentials)
 
 
 def label_of(what: str) -> str:
-    """Who commands, for others."""
+    """Return the label that identifies this command to others."""
     try:
         user = getpass.getuser()
     except (OSError, KeyError, ImportError):  # Windows has no pwd
@@ -70,18 +70,18 @@ def label_of(what: str) -> str:
 
 
 def print_json(value: Any) -> None:
-    """One JSON value on stdout; NaN becomes null."""
+    """Print one JSON value on stdout; NaN becomes null."""
     print_json_line(value, indent=2)
 
 
 def print_json_line(value: Any, indent: int = -1) -> None:
-    """One JSON value on one line of stdout."""
+    """Print one JSON value on stdout, on one line unless `indent` is given."""
     text = msgspec.json.format(msgspec.json.encode(value), indent=indent).decode()
-    # JSON escapes what is below a space; a terminal also obeys these
+    # JSON escapes characters below the space; terminals also interpret these
     text = re.sub("[\x7f-\x9f]", lambda mark: f"\\u{ord(mark.group()):04x}", text)
     sys.stdout.write(text + "\n")
 
 
 def say(text: str) -> None:
-    """A line for the user, on stderr: stdout belongs to results."""
+    """Print a line for the user on stderr; stdout is reserved for results."""
     print(printable(text), file=sys.stderr, flush=True)

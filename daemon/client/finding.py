@@ -1,4 +1,4 @@
-"""Which daemons are there, and which of them is meant: by its name, or as the only one."""
+"""Finds the daemons on the bus and selects one, by its name or as the only one."""
 
 import logging
 import socket
@@ -16,8 +16,8 @@ FIND_S, TIMEOUT_S = 5.0, 3.0
 
 
 def listens(address: str) -> bool:
-    """Whether something accepts connections at a TCP address of zenoh; True for other kinds, which
-    only zenoh itself can try."""
+    """Return whether something accepts connections at a TCP address of zenoh; True for other kinds
+    of address, which only zenoh itself can try."""
     kind, _, rest = address.partition("/")
     host, _, port = rest.rpartition(":")
     if kind != "tcp" or not port.isdigit():
@@ -32,8 +32,8 @@ def listens(address: str) -> bool:
 def find_daemons(
     bus: Bus, base: str, addresses: Sequence[str], enough: Callable[[list[str]], object]
 ) -> list[str]:
-    """Names of the daemons that are there; one that is just starting is waited for, until `enough`
-    is true of the names or there are several. Raises BusError where there is none."""
+    """Return the names of the daemons on the bus. Waits for one that is just starting, until
+    `enough(names)` is true or there are several. Raises BusError if there is none."""
     deadline_ns = clock.monotonic_ns() + round(FIND_S * 1e9)
     passed_over: set[str] = set()
     while True:
@@ -55,13 +55,13 @@ def find_daemons(
 
 
 def _older_daemons(bus: Bus, base: str) -> list[str]:
-    """Names of daemons that are there by an older version of the keys alone."""
+    """Return the names of daemons that announce themselves with an older version of the keys."""
     tokens = [key for alive, _ in Keys(base, "*").older() for key in bus.alive(alive)]
     return sorted({key.split("/")[-2] for key in tokens})
 
 
 def chosen_of(names: list[str], name: str | None) -> str | None:
-    """The daemon that is meant; None: none, or several."""
+    """Return the selected daemon; None: no match, or several."""
     if name is None:
         return names[0] if len(names) == 1 else None
     return name if name in names else None
@@ -76,8 +76,8 @@ def not_chosen(names: list[str], name: str | None, where: str) -> str:
 
 
 def daemons(bus: Bus, base: str = "dehyst", passed_over: set[str] | None = None) -> list[str]:
-    """Names of the daemons that are there. What announces itself under a key that no daemon has is
-    passed over, and named in the log unless it is in `passed_over` already."""
+    """Return the names of the daemons on the bus. Tokens under keys that no daemon has are ignored,
+    and logged unless already in `passed_over`."""
     keys, known, found = Keys(base, "*"), set() if passed_over is None else passed_over, []
     for key in bus.alive(keys.alive()):
         try:
@@ -92,8 +92,8 @@ def daemons(bus: Bus, base: str = "dehyst", passed_over: set[str] | None = None)
 def find_axes(
     bus: Bus, base: str, name: str | None, addresses: Sequence[str]
 ) -> tuple[str, dict[str, str]]:
-    """(the controller's name, the name in keys of each axis by its short name, "" where the
-    controller has one alone). name: of a controller or of an axis. Raises BusError."""
+    """Return (the controller's name, each axis's name in keys by its short name; the short name is
+    "" if the controller has a single axis). name: of a controller or an axis. Raises BusError."""
     names = find_daemons(bus, base, addresses, lambda found: _meant(found, name))
     where = ", ".join(addresses)
     found: dict[str, dict[str, str]] = {}
@@ -116,7 +116,7 @@ def find_axes(
 
 
 def _meant(names: list[str], name: str | None) -> list[str]:
-    """The daemons that may be the one that is meant, or its axes."""
+    """Return the daemons whose name matches, or that may be axes of a controller of this name."""
     if name is None:
         return names
     return [one for one in names if one == name or one.startswith(f"{name}-")]

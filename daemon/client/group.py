@@ -1,4 +1,4 @@
-"""Several axes of one controller as one thing: commanded together, or not at all.
+"""Commands several axes of one controller together, or not at all.
 
     from dehyst.client import Group
 
@@ -6,9 +6,9 @@
         stage.send({"x": 4.0, "y": 2.0})
         stage.play(t_s, {"x": x_um, "y": y_um})    # on the same samples
 
-A lease is for all axes of the group or for none; a trajectory starts on all of them at the same
-sample, and where one starves all stand still together. Each axis is a Client of its own
-(`stage["x"]`) on one shared connection. Threads and forks: as for Client.
+A lease covers all axes of the group or none; a trajectory starts on all of them at the same
+sample, and if one runs out of points all stop together. Each axis is a Client (`stage["x"]`) on
+one shared connection. Threads and forks: as for Client.
 """
 
 import os
@@ -35,16 +35,16 @@ from dehyst.daemon.client.repeated import Repeated
 from dehyst.daemon.closing import Closing
 from dehyst.models.errors import BadInput
 
-if TYPE_CHECKING:  # scipy takes its time
+if TYPE_CHECKING:  # importing scipy is slow
     from dehyst.daemon.client.learning import LessonTaker
 
 
 class Group(Closing):
     """Axes of one controller.
 
-    name: the controller's (`stage-1`: all its axes) or that of one axis (`stage-1-x`); None: the
-    only controller that answers. axes: which of its axes, in this order; None: all. The rest: as
-    for Client. Raises BusError where there is no such controller or axis.
+    name: name of the controller (`stage-1`: all its axes) or of one axis (`stage-1-x`); None: the
+    only controller that answers. axes: which of its axes, in this order; None: all. Other
+    arguments: as for Client. Raises BusError if there is no such controller or axis.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Group(Closing):
             client.together, client.commanding = together, together[0].commanding
 
     def close(self) -> None:
-        """Give up the lease and end the connection. Safe to call twice."""
+        """Give up the lease and close the connection. Safe to call twice."""
         for client in self.clients.values():
             client.give_up()
         self.bus.close()
@@ -97,23 +97,23 @@ class Group(Closing):
 
     @property
     def first(self) -> Client:
-        """The client of the first axis."""
+        """Return the client of the first axis."""
         return next(iter(self.clients.values()))
 
     def wait_until_started(
         self, timeout_s: float = LONGEST_START_S, on_wait: Callable[[str], None] = lambda _: None
     ) -> dict[str, Status]:
-        """As Client.wait_until_started, for each axis."""
+        """Same as Client.wait_until_started, for each axis."""
         return {a: one.wait_until_started(timeout_s, on_wait) for a, one in self.clients.items()}
 
     def status(self) -> dict[str, Status]:
-        """The present status of each axis."""
+        """Return the present status of each axis."""
         return {axis: client.status() for axis, client in self.clients.items()}
 
     # -- commands -------------------------------------------------------------------------------
 
     def acquire(self) -> None:
-        """Take the lease of all axes, or of none. Raises Refusal, which names the axis."""
+        """Take the lease of all axes, or of none. Raises Refusal, naming the axis."""
         self.first.acquire()
 
     def take_over(self) -> None:
@@ -129,7 +129,7 @@ class Group(Closing):
         self.first.release(self._names())
 
     def hold(self, stay: bool = False) -> dict[str, Reply]:
-        """Keep the present voltage of every axis: see Client.hold."""
+        """Hold the present voltage of every axis: see Client.hold."""
         return {axis: client.hold(stay) for axis, client in self.clients.items()}
 
     def send(
@@ -138,8 +138,8 @@ class Group(Closing):
         allow_unreachable: bool = False,
         stay: bool = False,
     ) -> dict[str, Reply]:
-        """Go to a place, by axis, and wait for the daemon's answer on each. Nothing is sent where
-        one of the targets is out of reach. stay: as for Client.send. Raises BadInput, Refusal."""
+        """Go to a target per axis and wait for the daemon's answer for each. Nothing is sent if one
+        of the targets is out of reach. stay: as for Client.send. Raises BadInput, Refusal."""
         self._know(targets)
         if not allow_unreachable and len(targets) > 1:
             for axis, value in targets.items():
@@ -158,9 +158,9 @@ class Group(Closing):
         lead_s: float = LEAD_S,
         repeat: int = 1,
     ) -> dict[str, Played]:
-        """Stream a trajectory of several axes, (n,) times [s] and (n,) targets of each, and wait
-        for its end; what happened at each axis. The rest: as Client.play. Where one axis cannot
-        play it, none begins; where one ends early, the others are stopped."""
+        """Stream a trajectory of several axes, (n,) times [s] and (n,) targets of each, wait for
+        its end and return the result per axis. Other arguments: as for Client.play. If one axis
+        cannot play it, none starts; if one ends early, the others are stopped."""
         points = {axis: Repeated(t_s, values, repeat) for axis, values in targets.items()}
         return self._play(points, allow_unreachable, progress, lead_s, {})
 
@@ -171,7 +171,7 @@ class Group(Closing):
         allow_unreachable: bool = False,
         progress: Callable[[float, float], None] | None = None,
     ) -> dict[str, Played]:
-        """As Client.play_learning, for several axes."""
+        """Same as Client.play_learning, for several axes."""
         return self._play(points, allow_unreachable, progress, LEARNING_LEAD_S, lessons)
 
     def _play(
@@ -217,7 +217,7 @@ class Group(Closing):
 
 
 def check_inside(axis: str, targets: ArrayLike, status: Status) -> None:
-    """BadInput where targets (n,) of an axis are outside its reach."""
+    """Raise BadInput if any of an axis's targets (n,) is out of reach."""
     values = np.asarray(targets, np.float64)
     outside = (values < status.reach_min) | (values > status.reach_max)
     if outside.any():

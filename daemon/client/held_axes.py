@@ -1,14 +1,14 @@
-"""The axes of one controller, kept where they were sent, for programs that serve others.
+"""Keeps the axes of one controller where they were sent, for programs that serve other clients.
 
     with HeldAxes(lambda: Group()) as axes:
-        axes.go({"x": 4.0})                  # accepted; `axes.look()["x"].on_target` says when
+        axes.go({"x": 4.0})                  # accepted; poll `axes.look()["x"].on_target`
         axes.fly(t_s, {"x": x_um}, repeat=0)
         axes.stop()                          # at once, from any thread
 
-A Group is used by one thread. Here that is a thread of its own, which repeats each set-point before
-it goes stale and reads the telemetry. When this program dies or closes, the daemon holds and ramps
-to its safe voltage, as it does for every client that leaves. A second connection serves `stop`
-alone, so that a stop never waits for anything else.
+A dedicated thread uses the Group: it repeats each set-point before it expires and reads the
+telemetry. When this program dies or closes, the daemon holds and ramps to its safe voltage, as it
+does for every client that disconnects. A second connection is reserved for `stop`, so that a stop
+never waits for anything else.
 """
 
 import queue
@@ -32,17 +32,17 @@ from dehyst.daemon.closing import Closing
 from dehyst.models.errors import BadInput, DehystError, NotNow
 
 ANSWER_S = 10.0
-"""How long a caller waits for the daemon's answer [s]: above the client's own patience."""
+"""How long a caller waits for the daemon's answer [s]; exceeds the client's own patience."""
 STATUS_S = 1.0
-"""How often reach and state are asked for [s]; a model that changes is seen after this."""
+"""Interval at which reach and state are requested [s]; a model change is seen after this."""
 
 
 @dataclass(frozen=True)
 class AxisView:
-    """What is known of an axis, displacements in its unit from the set-point origin, NaN where
-    there is no value. asked: where it was sent last; place: what counts as its position (the
-    gauge's mean over the newest settle_s, else the model's); low, high: its reach; lost: why it is
-    no longer held, "" where it is or nobody asked."""
+    """State of an axis. Displacements are in its unit from the set-point origin, NaN if there is no
+    value. asked: the last target; place: its position (the gauge's mean over the newest settle_s,
+    else the model's); low, high: its reach; lost: why it is no longer held, "" if it is held or was
+    never sent anywhere."""
 
     unit: str
     period_s: float
@@ -60,9 +60,13 @@ class AxisView:
 
 
 class HeldAxes(Closing):
-    """connect: makes the Group, twice; tolerance: how near is there, in the stage's unit (0: 0.2 %
-    of the reach); settle_s: for how long it must be near; by: whose word counts, the model's (open
-    loop: the way is over) or the gauge's. Raises what the client raises."""
+    """Commands the axes of one controller and keeps them in place.
+
+    connect: makes the Group, called twice; tolerance: distance that counts as on target, in the
+    stage's unit (0: 0.2 % of the reach); settle_s: how long an axis must stay within it; by: what
+    decides arrival, the model (open loop: the predicted motion is over) or the gauge. Raises what
+    the client raises.
+    """
 
     def __init__(
         self,
@@ -94,21 +98,21 @@ class HeldAxes(Closing):
     # -- from any thread -------------------------------------------------------------------------
 
     def look(self) -> dict[str, AxisView]:
-        """What is known of each axis now."""
+        """Return the present state of each axis."""
         with self._lock:
             return dict(self._views)
 
     def go(self, targets: Mapping[str, float]) -> None:
-        """Go to a place, by axis, and stay; returns when the daemon has accepted all of them.
-        Raises BadInput outside the reach (nothing is sent), Refusal, NotNow."""
+        """Go to a target per axis and stay; return when the daemon has accepted all of them. Raises
+        BadInput outside the reach (nothing is sent), Refusal, NotNow."""
         self._call(lambda group: self._go(group, dict(targets)))
 
     def take(self) -> None:
-        """Take the command lease without moving. Raises Refusal where another client has it."""
+        """Take the command lease without moving. Raises Refusal if another client holds it."""
         self._call(lambda group: group.acquire())
 
     def fly(self, t_s: ArrayLike, targets: Mapping[str, ArrayLike], repeat: int = 1) -> None:
-        """Begin to play a trajectory, (n,) times [s] and (n,) targets by axis, repeat times (0:
+        """Start a trajectory, (n,) times [s] and (n,) targets per axis, played `repeat` times (0:
         until stopped), and stay at its end. Raises BadInput outside the reach, NotNow."""
         t = np.array(t_s, float)
         values = {axis: np.array(of_axis, float) for axis, of_axis in targets.items()}
@@ -119,18 +123,17 @@ class HeldAxes(Closing):
         begun.result(ANSWER_S)
 
     def stop(self) -> None:
-        """Stop all axes at once; they then stay where the model sees them."""
+        """Stop all axes at once; they then stay where the model predicts them to be."""
         self._stop_now()
         self._call(self._stay_here)
 
     def let_go(self) -> None:
-        """Stop all axes and give the lease back: the daemon holds, then ramps to its safe
-        voltage."""
+        """Stop all axes and give up the lease: the daemon holds, then ramps to its safe voltage."""
         self._stop_now()
         self._call(self._let_go)
 
     def close(self) -> None:
-        """Let go, and end the connections. Safe to call twice."""
+        """Release the axes and close the connections. Safe to call twice."""
         self._stopping.set()
         self._jobs.put(None)
         self._thread.join()
@@ -150,7 +153,7 @@ class HeldAxes(Closing):
         def guarded(group: Group) -> None:
             try:
                 job(group)
-            except Exception as error:  # whoever asked gets it
+            except Exception as error:  # the caller gets it through the future
                 done.set_exception(error)
             else:
                 done.set_result(None)
@@ -183,7 +186,7 @@ class HeldAxes(Closing):
             self._stop_now()
 
     def _turn(self, group: Group) -> bool:
-        """One turn; False when it is to end."""
+        """Run one turn of the thread; return False when it should end."""
         try:
             job = self._jobs.get_nowait()
         except queue.Empty:
@@ -196,7 +199,7 @@ class HeldAxes(Closing):
             if clock.monotonic_ns() - self._asked_ns > STATUS_S * clock.NS:
                 self._ask(group)
             self._silent_since_ns = 0
-        except BusError as error:  # the gateway may be starting again
+        except BusError as error:  # the gateway may be restarting
             now_ns = clock.monotonic_ns()
             self._silent_since_ns = self._silent_since_ns or now_ns
             if now_ns - self._silent_since_ns > PATIENCE_S * clock.NS:
@@ -207,7 +210,7 @@ class HeldAxes(Closing):
         return True
 
     def _ask(self, group: Group) -> None:
-        """Reach and period of each axis."""
+        """Request the reach and period of each axis."""
         self._asked_ns = clock.monotonic_ns()
         for axis, status in group.status().items():
             low, high = status.reach_min, status.reach_max
@@ -232,10 +235,10 @@ class HeldAxes(Closing):
         self._held.clear()
 
     def _stay(self, group: Group) -> None:
-        """Repeat the set-points before they go stale."""
+        """Repeat the set-points before they expire."""
         now_ns = clock.monotonic_ns()
         if self._held and now_ns >= self._repeat_ns and not self._stopping.is_set():
-            group.send(self._held, allow_unreachable=True)  # they were admitted; a model may change
+            group.send(self._held, allow_unreachable=True)  # checked before; the model may change
             self._repeat_ns = now_ns + round(self._stale_s / REPEATS * clock.NS)
 
     def _check_reach(self, axis: str, low: float, high: float) -> None:
@@ -263,7 +266,7 @@ class HeldAxes(Closing):
         self._repeat_ns = clock.monotonic_ns() + round(self._stale_s / REPEATS * clock.NS)
 
     def _stay_here(self, group: Group) -> None:
-        """Hold the axes that were held where the model sees them now."""
+        """Hold the axes that were held at the position that the model now predicts."""
         self._stopping.clear()
         self._listen(POLL_S)
         here = {
@@ -292,7 +295,7 @@ class HeldAxes(Closing):
         if not samples.size:
             return
         view, model = self.look()[axis], model_place(samples)
-        times_ns = samples["scheduled_ns"]  # a late batch holds the way there as well
+        times_ns = samples["scheduled_ns"]  # a late batch also contains samples of the motion
         recent = samples[times_ns >= times_ns[-1] - round(self._settle_s * clock.NS)]["measured"]
         gauge = recent[np.isfinite(recent)]
         self._change(
@@ -305,11 +308,11 @@ class HeldAxes(Closing):
             self._judge(axis, samples, samples["measured"] if self._by == "gauge" else model)
 
     def _judge(self, axis: str, samples: NDArray[Any], place: NDArray[np.float64]) -> None:
-        """Is it where it was sent, without a break for settle_s?"""
+        """Check whether the axis has been on target without a break for settle_s."""
         value, since_ns = self._held[axis], self._near_since_ns[axis]
         near = (samples["target"] == value) & (np.abs(place - value) <= self.look()[axis].tolerance)
         last_ns = int(samples["scheduled_ns"][-1])
-        if not near.all():  # it counts from the sample after the last one that was not near
+        if not near.all():  # count from the sample after the last one outside the tolerance
             away = int(np.flatnonzero(~near)[-1])
             since_ns = 0 if away == near.size - 1 else int(samples["scheduled_ns"][away + 1])
         else:

@@ -1,7 +1,7 @@
-"""Learning while a trajectory is played: telemetry in, corrections of the points to come out.
+"""Learns while a trajectory is played: turns telemetry into corrections of the coming points.
 
-The arithmetic is dehyst.models.learning.passes. A correction that is new is taken from the next
-point that is not sent yet, and faded in; what was in force at each sample is kept with its pass.
+The arithmetic is in dehyst.models.learning.passes. A new correction applies from the next point
+that is not sent yet and is faded in; the correction applied at each sample is kept with its pass.
 """
 
 from collections.abc import Callable
@@ -21,22 +21,22 @@ UNUSABLE = Flag.SENSOR_INVALID | Flag.MISSED
 
 
 class Outputs:
-    """When the output was set before each reading, and by how much: of `back` steps."""
+    """Keeps sizes and times of the last `back` output steps before each reading."""
 
     def __init__(self, n: int, back: int) -> None:
         self.n, self.back = n, back
         self._kept: dict[int, Floats] = {}  # (3, n) by pass: volts, written, read [s]
 
     def put(self, of_pass: int, samples: NDArray[Any], place: Numbers) -> None:
-        """Keep some samples of a pass."""
+        """Store samples of a pass."""
         kept = self._kept.setdefault(of_pass, np.full((3, self.n), np.nan))
         read_s = samples["actual_ns"] * 1e-9  # the gauge is read first, the output is set last
         kept[0, place] = np.where(samples["flags"] & int(UNUSABLE), np.nan, samples["volts"])
         kept[1, place], kept[2, place] = read_s + samples["exec_us"] * 1e-6, read_s
 
     def of_pass(self, number: int) -> tuple[Floats, Floats]:
-        """(n, back) steps of the output before each reading, the newest first, and how long ago
-        each was set [s]. NaN where it is not known. The pass before is forgotten."""
+        """Return the (n, back) output steps before each reading, newest first, and how long before
+        it each was set [s]. NaN if unknown. The previous pass is discarded."""
         nothing = np.full((3, self.n), np.nan)
         earlier, own = self._kept.pop(number - 1, nothing), self._kept.get(number, nothing)
         volts, written, read = np.concatenate([earlier, own], axis=1)
@@ -46,11 +46,11 @@ class Outputs:
 
 
 class LessonTaker:
-    """Follows one playing of a trajectory of n points a pass, a point a period.
+    """Feeds the learner while a trajectory plays, n points per pass, one point per period.
 
-    learner: of this trajectory; targets: (n,) of a pass; expected: (n,) what the gauge should read
-    in it; period_ns: the loop's. on_outcome: called with that of each pass; late: of a gauge whose
-    filter is known. `errors`: (n,) of the newest whole pass.
+    learner: of this trajectory; targets: (n,) of a pass; expected: (n,) expected gauge readings in
+    a pass; period_ns: the loop's. on_outcome: called with the outcome of each pass; late: for a
+    gauge whose filter is known. `errors`: (n,) errors of the first and the newest complete pass.
     """
 
     def __init__(
@@ -68,19 +68,19 @@ class LessonTaker:
         self._step = 1.01 * float(np.abs(np.diff(targets, append=targets[0])).max()) + 1e-9
         self.n, self._period_ns = learner.n, period_ns
         self.start_ns = 0  # the loop's time of point 0; 0: not known yet
-        self.errors: list[Floats] = []  # of the first pass, and of the newest
+        self.errors: list[Floats] = []  # of the first and the newest pass
         self._old = self._new = learner.correction
         self._since = self._sent = 0
         self._used: dict[int, Floats] = {}
         self._error: dict[int, Floats] = {}
         self._held: dict[int, NDArray[np.bool_]] = {}
         self._trimmed = False
-        self._done = 0  # passes
+        self._done = 0  # completed passes
         self._waiting: list[NDArray[Any]] = []
         self._fade = round(TUNING.fade_s * 1e9 / period_ns)
 
     def correct(self, numbers: Numbers) -> Floats:
-        """(m,) corrections of these points, which are sent now; they follow the ones before."""
+        """Return the (m,) corrections of the points being sent, which follow the previous ones."""
         place = numbers % self.n
         share = fade_share(numbers - self._since, self._fade)
         out = self._old[place] + share * (self._new[place] - self._old[place])
@@ -91,7 +91,7 @@ class LessonTaker:
         return np.asarray(out, np.float64)
 
     def add(self, samples: NDArray[Any]) -> None:
-        """Take (m,) TELEMETRY records of this trajectory."""
+        """Add (m,) TELEMETRY records of this trajectory."""
         self._waiting.append(samples)
         if self.start_ns <= 0:
             return
@@ -110,7 +110,7 @@ class LessonTaker:
         error = self._error.setdefault(of_pass, np.full(self.n, np.nan))
         held = self._held.setdefault(of_pass, np.zeros(self.n, np.bool_))
         good = (samples["flags"] & int(UNUSABLE)) == 0
-        # where the loop held a group, point 0 is later than was reported last
+        # if the loop held the axes of a group, point 0 is later than last reported
         good &= np.abs(samples["target"] - self._targets[place]) <= self._step
         held[place] = good & ((samples["flags"] & int(Flag.SENSOR_HELD)) != 0)
         error[place] = np.where(good, samples["measured"] - self._expected[place], np.nan)
@@ -119,14 +119,14 @@ class LessonTaker:
             self._outputs.put(of_pass, samples, place)
 
     def _finish(self) -> None:
-        """A pass is complete."""
+        """Evaluate a complete pass and pass it to the learner."""
         nothing = np.full(self.n, np.nan)
         error = self._error.pop(self._done, nothing)
         held = self._held.pop(self._done, np.zeros(self.n, np.bool_))
         used = self._used.pop(self._done, np.zeros(self.n))
         self._done += 1
         fresh = np.isfinite(error) & ~held
-        if held.any() and fresh.any():  # between the readings of a gauge that is slower
+        if held.any() and fresh.any():  # interpolate between readings of a slower gauge
             places = np.arange(self.n)
             error[held] = np.interp(places[held], places[fresh], error[fresh])
         anew = False
@@ -141,6 +141,6 @@ class LessonTaker:
         self._on_outcome(outcome)
 
     def _in_force(self) -> Floats:
-        """What the next point would have been given: where the fade to the next one begins."""
+        """Return the correction at the next point, from which the fade to a new one begins."""
         share = fade_share(np.array([self._sent - self._since]), self._fade)
         return np.asarray(self._old + share * (self._new - self._old), np.float64)

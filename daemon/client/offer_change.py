@@ -1,14 +1,16 @@
-"""What accepting an offered model changes: reach, error, rate, and the trajectory in play."""
+"""Describes what accepting an offered model changes: reach, error, drive rate and whether the
+trajectory being played is affected."""
 
 from dehyst.daemon.bus.messages import ModelOffer, Status
 
 SAME = 1e-6
-"""Of the reach [1]: a smaller change is rounding of the numbers on the bus."""
+"""Fraction of the reach [1] below which a change is due to rounding of the numbers on the bus."""
 CUTS = "a trajectory is in play, and parts of it may leave the new reach"
 
 
 def new_reach(offer: ModelOffer, status: Status) -> tuple[float, float] | None:
-    """Set-points that the offered model reaches; None: not known. Origin and trim stay."""
+    """Return the smallest and largest set-point that the offered model reaches; None: unknown.
+    Origin and trim do not change."""
     before, after = offer.reach_in_use, offer.reach_offered
     if before is None or after is None:
         return None
@@ -16,7 +18,7 @@ def new_reach(offer: ModelOffer, status: Status) -> tuple[float, float] | None:
 
 
 def describe_change(offer: ModelOffer, status: Status) -> str:
-    """What accepting changes, in words."""
+    """Describe in words what accepting the offer changes."""
     unit = status.unit
     text = (
         f"error on {offer.seconds:.0f} s of later telemetry: {offer.rms_in_use:.3g} becomes "
@@ -33,7 +35,7 @@ def describe_change(offer: ModelOffer, status: Status) -> str:
 
 
 def cuts_trajectory(offer: ModelOffer, status: Status) -> bool:
-    """Whether a trajectory is in play that the offered model may not reach everywhere."""
+    """Return whether a trajectory is being played that the offered model may not reach fully."""
     reach = new_reach(offer, status)
     if reach is None or status.trajectory_done or status.state != "running":
         return False

@@ -1,5 +1,5 @@
-"""What the servers of foreign protocols share (`dehyst epics`, `dehyst serve`): their options, and
-the checks on them. These protocols know no passwords."""
+"""Options shared by the servers of foreign protocols (`dehyst epics`, `dehyst serve`), and their
+checks. These protocols have no passwords."""
 
 import argparse
 import ipaddress
@@ -10,7 +10,7 @@ from dehyst.models.errors import BadInput
 
 
 def add_serving(parser: argparse.ArgumentParser) -> None:
-    """--without-passwords, --on-target, --tolerance, and how to reach the daemon."""
+    """Add --without-passwords, --on-target, --tolerance and the connection options."""
     parser.add_argument(
         "--without-passwords",
         action="store_true",
@@ -33,16 +33,16 @@ def add_serving(parser: argparse.ArgumentParser) -> None:
 
 
 def check_tolerance(tolerance: float) -> None:
-    """Raises BadInput where it is negative or not finite."""
+    """Raise BadInput if the tolerance is negative or not finite."""
     if not (math.isfinite(tolerance) and tolerance >= 0.0):
         raise BadInput(f"--tolerance {tolerance:g}: it must be 0 or positive")
 
 
 def check_exposure(listen: str, host: str, allowed: bool, protocol: str, ways: str) -> None:
-    """Raises BadInput where others than this machine would reach the server and nobody allowed it.
+    """Raise BadInput if other machines could reach the server and this was not allowed.
 
-    listen: as it was given; host: an address or a name; protocol: one without passwords; ways: the
-    options that allow it, for the message."""
+    listen: the option as given; host: an address or a name; protocol: name of the protocol without
+    passwords; ways: the options that allow it, for the message."""
     try:
         local = ipaddress.ip_address(host).is_loopback
     except ValueError:

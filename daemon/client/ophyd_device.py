@@ -1,4 +1,4 @@
-"""The stage as an ophyd-async device over the bus itself: set, trigger, read, fly a trajectory.
+"""The stage as an ophyd-async device directly on the bus: set, trigger, read, fly a trajectory.
 
     from bluesky.run_engine import RunEngine
     from ophyd_async.core import init_devices
@@ -9,8 +9,8 @@
         stage = Stage()
     engine(bluesky.plans.scan([stage], stage, 2.0, 8.0, 13))
 
-It needs the package ophyd-async. A trajectory of any shape is flown on the samples of the loop;
-through EPICS (`dehyst epics`) ophyd-async's own Motor flies at a constant velocity.
+It needs the package ophyd-async. It flies trajectories of any shape on the samples of the loop;
+through EPICS (`dehyst epics`), ophyd-async's own Motor flies at constant velocity only.
 """
 
 import asyncio
@@ -34,8 +34,11 @@ from dehyst.models.errors import BadInput
 
 
 class OphydStage(StandardReadable):
-    """connect_to: makes the Positioner when the device is connected; None: the daemon that
-    $DEHYST_CONNECT names. average_s: how long each reading is averaged."""
+    """The stage as an ophyd-async device.
+
+    connect_to: makes the Positioner when the device is connected; None: the daemon that
+    $DEHYST_CONNECT names. average_s: averaging time of each reading [s].
+    """
 
     def __init__(
         self,
@@ -63,14 +66,14 @@ class OphydStage(StandardReadable):
         timeout: float = DEFAULT_TIMEOUT,
         force_reconnect: bool = False,
     ) -> None:
-        """Reach the daemon. Raises what a Client raises."""
+        """Connect to the daemon. Raises what a Client raises."""
         await super().connect(mock, timeout, force_reconnect)
         if not mock and self._positioner is None:
             self._positioner = await asyncio.to_thread(self._make)
             self._show(await self._wait(self._stage.read()))
 
     def close(self) -> None:
-        """Let go of the stage."""
+        """Release the stage and close the connection."""
         if self._positioner is not None:
             self._positioner.close()
 
@@ -88,7 +91,7 @@ class OphydStage(StandardReadable):
         self._set_setpoint(reading.target)
         self._set_drive(reading.volts)
 
-    # -- bluesky's words -------------------------------------------------------------------------
+    # -- bluesky's protocols ---------------------------------------------------------------------
 
     @AsyncStatus.wrap
     async def set(self, value: float) -> None:
@@ -101,26 +104,26 @@ class OphydStage(StandardReadable):
         self._show(await self._wait(self._stage.read(self._average_s)))
 
     async def stop(self, success: bool = False) -> None:
-        """End what is on its way, and hold; later the output ramps to the safe voltage."""
+        """Stop the motion in progress and hold; later the output ramps to the safe voltage."""
         if not success:
             await asyncio.to_thread(self._stage.stop)
 
     @AsyncStatus.wrap
     async def prepare(self, value: tuple[ArrayLike, ArrayLike]) -> None:
-        """The trajectory that kickoff begins: (n,) times [s] and (n,) targets."""
+        """Set the trajectory that kickoff starts: (n,) times [s] and (n,) targets."""
         t_s, targets = (np.array(part, float) for part in value)
         self._way = (t_s, targets)
 
     @AsyncStatus.wrap
     async def kickoff(self) -> None:
-        """Begin the trajectory. Raises BadInput where there is none."""
+        """Start the trajectory. Raises BadInput if none was prepared."""
         if self._way is None:
             raise BadInput("no trajectory: prepare(stage, (t_s, targets)) comes before kickoff")
         self._flight = self._stage.fly(*self._way)
 
     @AsyncStatus.wrap
     async def complete(self) -> None:
-        """Done when the trajectory is over. Raises BadInput where it ended early."""
+        """Wait for the end of the trajectory. Raises BadInput if it ended early or not begun."""
         if self._flight is None:
             raise BadInput("nothing flies: kickoff comes before complete")
         flight, self._flight = self._flight, None

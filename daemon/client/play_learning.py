@@ -1,4 +1,4 @@
-"""Play a trajectory again and again, and learn from each pass: what `dehyst play --learn` runs."""
+"""Plays a trajectory repeatedly and learns from each pass, as `dehyst play --learn` does."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -19,14 +19,15 @@ from dehyst.models.modelfile import dumps
 from dehyst.models.recording import Floats
 
 NO_NOISE = 0.002
-"""Of the reach: the noise of a gauge whose model states none."""
+"""Assumed gauge noise as a fraction of the reach, if the model states none."""
 WITHIN = 0.99
-"""Part of the loop's own bound that is used."""
+"""Fraction of the loop's own correction limit that is used."""
 
 
 @dataclass(frozen=True)
 class Lessons:
-    """What came of it: the playing, each pass, the errors of the first and the newest pass."""
+    """Result of learning: the play result, the outcome of each pass, and the errors of the first
+    and the newest pass."""
 
     played: Played
     outcomes: list[Outcome]
@@ -35,10 +36,11 @@ class Lessons:
 
 
 class Course:
-    """One axis that learns: (n,) targets at the times t_s, `repeat` passes (0: until an interrupt).
+    """One axis that learns: (n,) targets at times t_s, `repeat` passes (0: until an interrupt).
 
-    file: where what was learned is taken up and saved; gauge_filter_s: time constant of the gauge's
-    filter, 0: not known. Raises BadInput for a file of another model or trajectory.
+    file: file from which learned corrections are loaded and to which they are saved;
+    gauge_filter_s: time constant of the gauge's filter [s], 0: unknown. Raises BadInput for a file
+    of another model or trajectory.
     """
 
     def __init__(
@@ -72,7 +74,7 @@ class Course:
         self.points = Repeated(times, values, repeat, self.taker.correct)
 
     def save(self) -> None:
-        """Write what was learned, where there is a file for it. Raises BadInput."""
+        """Write the learned corrections if a file was given. Raises BadInput."""
         if self.file is None or not self.learner.learned:
             return
         write_learned(
@@ -88,7 +90,7 @@ class Course:
         )
 
     def lessons(self, played: Played) -> Lessons:
-        """What came of it."""
+        """Combine the play result with what was learned."""
         return Lessons(played, self.learner.outcomes, self.taker.errors, self.period_s)
 
 
@@ -112,7 +114,7 @@ def play_learning_together(
     allow_unreachable: bool = False,
     progress: Callable[[float, float], None] | None = None,
 ) -> dict[str, Lessons]:
-    """Play and learn with several axes, each from its own error, on the same samples."""
+    """Play and learn with several axes on the same samples, each from its own error."""
     points = {axis: course.points for axis, course in courses.items()}
     takers = {axis: course.taker for axis, course in courses.items()}
     try:

@@ -1,4 +1,4 @@
-"""What became of a trajectory at one axis: for JSON, and in words."""
+"""Summarises how a trajectory was played by one axis, as JSON values and in words."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from dehyst.daemon.client.player import Played
 
 
 def list_figures(played: Played) -> dict[str, Any]:
-    """What happened at one axis, for JSON."""
+    """Return the results of one axis as JSON values."""
     tracking = played.tracking
     return {
         "completed": played.completed,
@@ -31,11 +31,11 @@ def list_figures(played: Played) -> dict[str, Any]:
 
 
 MOST_MISSED = 0.01
-"""Share of missed deadlines above which the figures are those of the machine, not of the stage."""
+"""Share of missed deadlines above which the figures describe the machine, not the stage."""
 
 
 def about_the_machine(played: Played) -> str:
-    """Why the errors may not be the stage's; "": they are."""
+    """Return why the errors may be due to a busy machine; "": they are the stage's."""
     tracking = played.tracking
     if tracking.missed <= MOST_MISSED * max(tracking.samples, 1):
         return ""
@@ -47,7 +47,7 @@ def about_the_machine(played: Played) -> str:
 
 
 def describe_played(played: Played, axis: str) -> list[str]:
-    """The same in words, as lines."""
+    """Describe the results in words, as lines."""
     tracking, unit, head = played.tracking, played.unit, f"{axis}: " if axis else ""
     most = tracking.max_error if tracking.valid else float("nan")
     busy = about_the_machine(played)

@@ -1,11 +1,11 @@
-"""Streams a trajectory to a daemon: chunks ahead of time, paced by what the daemon says is ahead.
+"""Streams a trajectory to a daemon in chunks, paced by the queue length that the daemon reports.
 
-Several axes of a controller are played together: each is sent its own chunks, the loop follows them
-on the same samples. They begin together or not at all, and where one ends early the others are
-stopped. About LEAD_S of trajectory are kept ahead, so that a gateway may be killed and started
-again in the midst without the stage noticing. A refusal that only asks for time is waited out; a
-model that changes meanwhile ends nothing. When this program dies, the daemon runs out of points,
-holds, and ramps to its safe voltage.
+Several axes of a controller can play together: each receives its own chunks, and the loop follows
+them on the same samples. They start together or not at all, and if one ends early the others are
+stopped. About LEAD_S of trajectory are sent ahead, so that the gateway can be killed and restarted
+without disturbing the motion. The player waits when a refusal only asks for time, and continues
+when the model changes. When this program dies, the daemon runs out of points, holds, and ramps to
+its safe voltage.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,31 +27,31 @@ from dehyst.daemon.interrupts import noted_interrupts
 from dehyst.models.errors import DehystError
 from dehyst.models.recording import Floats
 
-if TYPE_CHECKING:  # scipy takes its time
+if TYPE_CHECKING:  # importing scipy is slow
     from dehyst.daemon.client.learning import LessonTaker
 
 CHUNK_S = 0.25
 LEAD_S = 3.0
 LEARNING_LEAD_S = 1.0
-"""What was learned acts so much later."""
+"""Lead while learning [s]; a new correction takes effect this much later."""
 PATIENCE_S = 10.0
-"""With a daemon that does not answer, whose loop says nothing, or that asks for time."""
-WORDS_NS = 500_000_000  # that the reason of an end may come after the end
+"""Limit [s] for a daemon that does not answer, whose loop is silent, or that asks for time."""
+WORDS_NS = 500_000_000  # how much later than the end its reason may arrive
 RENEW_S = 1.0
 
 
 Report = Callable[[str], None]
-"""Called with a sentence for the user, while it plays."""
+"""Called with a message for the user while the trajectory plays."""
 
 
 def ignore(text: str) -> None:
-    """A report that nobody reads."""
+    """Discard the message."""
 
 
 @dataclass
 class Played:
-    """What happened. completed: the loop went through to the last point; reason: why not, else
-    ""; tracking: errors; lost: samples whose telemetry did not arrive."""
+    """Result of playing a trajectory. completed: the loop reached the last point; reason: why it
+    did not, else ""; tracking: tracking errors; lost: samples whose telemetry did not arrive."""
 
     completed: bool
     reason: str
@@ -62,12 +62,12 @@ class Played:
     lost: int
     state: str
     notes: tuple[str, ...] = ()
-    """What the player reported on the way."""
+    """Messages that the player reported while playing."""
 
 
 class Connection(Protocol):
-    """What the player needs of a Client; patience_s: how long a silent daemon is waited for;
-    report: gets what is worth knowing on the way."""
+    """The part of a Client that the player needs. patience_s: how long to wait for a silent daemon;
+    report: receives messages for the user while playing."""
 
     patience_s: float
     report: Report
@@ -104,7 +104,7 @@ def play(
     lead_s: float = LEAD_S,
     lessons: "LessonTaker | None" = None,
 ) -> Played:
-    """See Client.play. lessons: learns from each pass, and corrects the points of the next."""
+    """See Client.play. lessons: learns from each pass and corrects the points of the next one."""
     player = Player(client, points, allow_unreachable, lead_s, lessons)
     return play_together([player], progress, on_samples)[0]
 
@@ -114,8 +114,8 @@ def play_together(
     progress: Callable[[float, float], None] | None = None,
     on_samples: Callable[[NDArray[Any]], None] | None = None,
 ) -> list[Played]:
-    """Play to the end, for each axis what happened. progress is that of the first; on_samples is
-    for one alone. See Client.play, Group.play."""
+    """Play to the end and return the result of each axis. progress is that of the first axis;
+    on_samples is for a single axis only. See Client.play, Group.play."""
     with noted_interrupts() as raise_noted:
         return _play_together(players, progress, on_samples, raise_noted)
 
@@ -130,7 +130,7 @@ def _play_together(
     patience_s = [player.client.patience_s for player in players]
     try:
         for player in players:
-            player.client.patience_s = 0.0  # telemetry is read meanwhile
+            player.client.patience_s = 0.0  # never block: telemetry is read in the same loop
         while True:
             raise_noted()
             now_ns = clock.monotonic_ns()
@@ -150,7 +150,7 @@ def _play_together(
     except KeyboardInterrupt:
         for player in players:
             player.client.stop()
-        if first.points.total is None:  # that is how one without an end is ended
+        if first.points.total is None:  # an interrupt is the regular end of an endless trajectory
             for player in players:
                 player.tracking.expected = player.tracking.samples
             return [player.result("") for player in players]
@@ -163,8 +163,8 @@ def _play_together(
 
 
 def _send_due(players: "Sequence[Player]", now_ns: int) -> None:
-    """The chunks that are due. Where one axis refuses the first of its own, none has begun: the
-    gateway passes on the first ones of all together."""
+    """Send the chunks that are due. If one axis's first chunk is refused, no axis has started: the
+    gateway forwards the first chunks of all axes together."""
     for player in players:
         if now_ns >= player.due_ns and not player.silent_too_long(now_ns):
             player.send(now_ns)
@@ -173,31 +173,31 @@ def _send_due(players: "Sequence[Player]", now_ns: int) -> None:
 def _stop_begun(players: "Sequence[Player]") -> None:
     for player in players:
         if player.index:
-            with suppress(DehystError):  # it runs dry by itself, and holds
+            with suppress(DehystError):  # otherwise it runs out of points and holds
                 player.client.stop()
 
 
 def _stop_others(players: "Sequence[Player]", ended: Sequence[str | None]) -> None:
-    """Stop the axes that would go on alone."""
+    """Stop the axes that would otherwise continue alone."""
     if any(ended):
         _stop_begun([p for p, e in zip(players, ended, strict=True) if e is None])
 
 
 def _reasons(ended: Sequence[str | None]) -> list[str]:
-    """Why each has ended; "": it was played to the end."""
+    """Return why each axis ended; "": it was played to the end."""
     why = next((reason for reason in ended if reason), "")
     return [f"it was stopped with another axis: {why}" if e is None else e for e in ended]
 
 
 def model_reach(status: Status) -> tuple[float, float]:
-    """The reach in the model's own displacement, which neither origin nor trim moves."""
+    """Return the reach as model displacements, which origin and trim do not shift."""
     zero = status.origin + status.trim
     return status.reach_min + zero, status.reach_max + zero
 
 
 class Player:
-    """Plays one axis. together: names of all axes that play this trajectory, none where it is
-    alone; number: of the trajectory, the same for all of them."""
+    """Plays one axis. together: names of all axes that play this trajectory, empty for a single
+    axis; number: the trajectory's number, the same for all of them."""
 
     def __init__(
         self,
@@ -218,7 +218,8 @@ class Player:
         self.due_ns = self.heard_ns = clock.monotonic_ns()
         self.silent_since_ns = 0
         self.refused = ""
-        self.asked_since_ns = self.gone_since_ns = 0  # for time by the daemon; without a loop
+        # since when the daemon has asked for time; since when the loop has been gone
+        self.asked_since_ns = self.gone_since_ns = 0
         self.notes: list[str] = []
         self.ended_ns = 0
         self.stream, self.feed = client.stream(), client.feed()
@@ -229,7 +230,7 @@ class Player:
         self.tracking = Tracking(2**62, points.samples(self.period_s))
 
     def hear(self, timeout_s: float) -> NDArray[Any]:
-        """The telemetry that has come."""
+        """Return the telemetry that has arrived, and evaluate it."""
         samples = self.stream.read(timeout_s)
         if samples.size:
             self.tracking.add(samples)
@@ -238,7 +239,7 @@ class Player:
         return samples
 
     def _see_model(self) -> None:
-        """Report, once for each model, which points that are still to be played it cannot reach."""
+        """Report, once per change of model or trim, the remaining points that are out of reach."""
         status = self.feed.status
         if status is None or not self.index or np.allclose(model_reach(status), self.reach):
             return
@@ -258,12 +259,12 @@ class Player:
         )
 
     def report(self, text: str) -> None:
-        """Say it now, and keep it for the result."""
+        """Report a message now, and keep it for the result."""
         self.notes.append(text)
         self.client.report(text)
 
     def learn(self, samples: NDArray[Any]) -> None:
-        """Let the learning have the samples of this trajectory."""
+        """Pass the samples of this trajectory to the learner."""
         if self.lessons is None or self.index == 0:
             return
         status = self.feed.status
@@ -272,14 +273,14 @@ class Player:
         self.lessons.add(samples[samples["seq"] >= self.tracking.first_seq])
 
     def send(self, now_ns: int) -> None:
-        """The next chunk, or a sign of life once all are sent."""
+        """Send the next chunk, or renew the lease once all chunks are sent."""
         try:
             if self.points.over(self.sent):
                 self.client.renew()
                 self.due_ns = now_ns + round(RENEW_S * 1e9)
                 self.silent_since_ns = 0
                 return
-            if self.piece is None:  # the same again where it was not taken
+            if self.piece is None:  # a chunk that was not accepted is sent again
                 self.piece = self.points.piece(self.sent, CHUNK_S, MAX_POINTS)
             offset_ns, targets, learned = self.piece
             end = self.sent + targets.size
@@ -293,7 +294,7 @@ class Player:
                 learned if learned.any() else None,
                 self.together,
             )
-        except BusError:  # the gateway may be starting again; what was sent ahead plays on
+        except BusError:  # the gateway may be restarting; the points sent ahead keep playing
             self.silent_since_ns = self.silent_since_ns or now_ns
             self.due_ns = now_ns + 200_000_000
             return
@@ -309,11 +310,11 @@ class Player:
         self.due_ns = now_ns + round(wait_s * 1e9)
 
     def _refuse(self, now_ns: int, error: DehystError) -> None:
-        """Wait where the refusal asks for time, else end. Raises it where nothing has begun."""
+        """Wait if the refusal asks for time, else end. Raises it if nothing has started."""
         code = getattr(error, "code", "")
         waits = code in CODES and CODES[code].waits
         self.due_ns, self.silent_since_ns = now_ns + 250_000_000, 0
-        # a queue that is full drains; whatever else asks for time may ask for ever
+        # a full queue drains; any other request for time could go on forever
         if waits and code != "queue-full":
             self.asked_since_ns = self.asked_since_ns or now_ns
             waits = now_ns - self.asked_since_ns <= PATIENCE_S * 1e9
@@ -323,8 +324,8 @@ class Player:
             self.refused = str(error)
 
     def silent_too_long(self, now_ns: int) -> bool:
-        """True when the daemon has not answered for PATIENCE_S. Raises BusError where nothing has
-        begun."""
+        """Return True if the daemon has not answered for PATIENCE_S. Raises BusError if nothing has
+        started."""
         if not self.silent_since_ns or now_ns - self.silent_since_ns <= PATIENCE_S * 1e9:
             return False
         self.refused = (
@@ -336,7 +337,7 @@ class Player:
         return True
 
     def ended(self, now_ns: int) -> str | None:
-        """None: it goes on; "": through to the end; else why it ended early."""
+        """Return None while it plays, "" once it has reached its end, else why it ended early."""
         status = self.feed.status
         if self.refused:
             return self.refused
@@ -350,25 +351,25 @@ class Player:
         if status.time_ns <= self.before.time_ns:
             return None
         if status.trajectory == self.number and status.trajectory_done:
-            late = now_ns - self.feed.status_at_ns > 1e9  # the last samples are still on their way
+            late = now_ns - self.feed.status_at_ns > 1e9  # the last samples may still arrive
             return "" if late else None
         if status.trajectory not in (self.number, self.before.trajectory):
             return "another trajectory replaced it"
         if status.trajectory == self.number and status.state != "running" and status.core_alive:
             self.ended_ns = self.ended_ns or now_ns
             said = any(event.code == status.state for event in self.new_events())
-            # the reason travels on a topic of its own and may come a little later
+            # the reason is sent on a separate topic and may arrive a little later
             return self.why(status) if said or now_ns - self.ended_ns > WORDS_NS else None
         if status.run != self.before.run:
             return "the loop was restarted"
         return None
 
     def new_events(self) -> list[Event]:
-        """Events since the trajectory was begun."""
+        """Return the events since the trajectory was started."""
         return [event for event in list(self.feed.events) if event.time_ns > self.before.time_ns]
 
     def why(self, status: Status) -> str:
-        """The daemon's own words for the end, as far as they came."""
+        """Return the daemon's own messages about the end, as far as they have arrived."""
         texts = [event.text for event in self.new_events()[-3:]]
         said = f" ({'; '.join(texts)})" if texts else ""
         return f"the daemon went to the state {status.state}{said}"

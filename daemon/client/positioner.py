@@ -1,13 +1,13 @@
-"""Moves a stage to a place and reports when it is there: for scans and experiment control.
+"""Moves a stage to a position and reports its arrival, for scans and experiment control.
 
     with dehyst.Positioner() as stage:
         for place in (2.0, 4.0, 6.0):
             stage.go(place).result()             # there, and kept there
             print(stage.read(0.1).result().measured)
 
-A thread repeats the set-point before it goes stale, so the stage stays where it was sent while this
-program lives; when it dies the daemon holds and ramps to its safe voltage, as for every client.
-Every call returns a future, whose exception is the daemon's own answer.
+A thread repeats the set-point before it expires, so the stage stays where it was sent while this
+program runs; when the program dies, the daemon holds and then ramps to its safe voltage, as for
+every client. Every call returns a future; its exception is the daemon's own answer.
 """
 
 import logging
@@ -34,39 +34,39 @@ from dehyst.models.errors import BadInput, DehystError, NotNow
 
 log = logging.getLogger(__name__)
 POLL_S = 0.02
-REPEATS = 4  # of the set-point within the time in which one goes stale
+REPEATS = 4  # set-points sent within the time in which one expires
 WORDS = {
     "model": "according to the model",
     "gauge": "according to the gauge",
     "model-alone": "according to the model alone",
 }
-NOISES = 3.0  # standard errors of a mean that are noise
+NOISES = 3.0  # standard errors of the mean that are attributed to noise
 SHARE = 0.002
-"""Of the reach: how near is there, where nothing else is said."""
+"""Default tolerance as a fraction of the reach."""
 
 
 class _Stopped(Exception):
-    """The trajectory is to end."""
+    """Raised in a callback to end the trajectory."""
 
 
 @dataclass
 class _Going:
-    """A set-point that is on its way."""
+    """A set-point that the stage is moving to."""
 
     value: float
     future: "Future[Reading]"
     end_ns: int
     near_since_ns: int = 0
-    """Of the first sample of those that are near enough without a break; 0: none."""
+    """Time of the first sample in the unbroken run within tolerance; 0: none."""
     near: list[NDArray[Any]] = field(default_factory=list)
-    """These samples."""
+    """The samples of this run."""
     blind: bool = False
-    """The newest samples have no valid reading."""
+    """True if the newest samples have no valid reading."""
 
 
 @dataclass
 class _Collecting:
-    """Samples that are wanted from now on."""
+    """A request for the mean of the samples from now on."""
 
     seconds: float
     future: "Future[Reading]"
@@ -75,12 +75,15 @@ class _Collecting:
 
 
 class Positioner(Closing):
-    """connect: makes the Client, in the thread that uses it; None: `Client()`. tolerance: how near
-    counts as there, in the stage's unit (0: 0.2 % of the reach); settle_s: for how long it must
-    be near; by: what decides, the model (it predicts when the motion is over; the gauge must give
-    valid readings, and where it disagrees a warning is logged and Reading.agrees is False), the
-    gauge, or the model alone ("model-alone": a stage whose gauge gives nothing); timeout_s: a place
-    that is not reached by then is an error. Raises what the client raises."""
+    """Moves one axis to positions and along trajectories.
+
+    connect: makes the Client, in the thread that uses it; None: `Client()`. tolerance: distance
+    that counts as on target, in the stage's unit (0: 0.2 % of the reach); settle_s: how long the
+    stage must stay within it; by: what decides arrival: "model" (it predicts when the motion is
+    over; the gauge must give valid readings, and if it disagrees a warning is logged and
+    Reading.agrees is False), "gauge", or "model-alone" for a stage without gauge readings;
+    timeout_s: a position not reached by then is an error. Raises what the client raises.
+    """
 
     def __init__(
         self,
@@ -106,43 +109,44 @@ class Positioner(Closing):
         make = connect if connect is not None else lambda: Client(label="positioner")
         self._thread = threading.Thread(target=self._live, args=(make, ready), daemon=True)
         self._thread.start()
-        # a program that ends without `close` would leave zenoh's threads to the interpreter's end
+        # without `close`, zenoh's threads would still run when the interpreter shuts down
         weakref.finalize(self, _end, self._stopping, self._jobs, self._thread, self._process)
         self.name, self.unit, self.reach, self.period_s, self._stale_s = ready.result()
         self.tolerance = tolerance or SHARE * (self.reach[1] - self.reach[0])
 
-    # -- what may be asked, from any thread ------------------------------------------------------
+    # -- public calls, from any thread -----------------------------------------------------------
 
     def go(self, value: float) -> "Future[Reading]":
-        """Go to `value` and stay; the reading there, once it is there. A place that is asked for
-        while it is on its way to another is gone to at once, and the other's future fails."""
+        """Go to `value` and stay; the future gives the reading there once the stage has arrived.
+        A new call during a motion redirects the stage at once, and the earlier future fails."""
         future: Future[Reading] = Future()
         self._do(lambda client: self._begin_going(client, float(value), future), future)
         return future
 
     def read(self, seconds: float = 0.0) -> "Future[Reading]":
-        """The mean of the samples of the next `seconds`, of one at least."""
+        """Return the mean of the samples of the next `seconds`, at least one sample."""
         future: Future[Reading] = Future()
         self._do(lambda _: self._begin_collecting(seconds, future), future)
         return future
 
     def fly(self, t_s: ArrayLike, value: ArrayLike) -> "Future[Flight]":
-        """Play a trajectory, (n,) times and (n,) targets, and stay at its end; all its samples."""
+        """Play a trajectory, (n,) times [s] and (n,) targets, and stay at its end; the future gives
+        all its samples."""
         future: Future[Flight] = Future()
         times, targets = np.array(t_s, float), np.array(value, float)
         self._do(lambda client: self._fly(client, times, targets, future), future)
         return future
 
     def stop(self) -> None:
-        """Stay where it is now, then as the daemon's `[setpoint]` says: hold, and ramp to the safe
-        voltage. What was on its way fails."""
+        """Stop the stage where it is. It then follows the daemon's `[setpoint]`: hold, then ramp to
+        the safe voltage. The future of a motion in progress fails."""
         self._stopping.set()
         done: Future[None] = Future()
         self._do(lambda client: self._stop(client, done), done)
         done.result()
 
     def close(self) -> None:
-        """Let go of the stage, and end the connection. Safe to call twice."""
+        """Release the stage and close the connection. Safe to call twice."""
         if os.getpid() != self._process:
             return
         self._stopping.set()
@@ -155,7 +159,7 @@ class Positioner(Closing):
         def guarded(client: Client) -> None:
             try:
                 job(client)
-            except Exception as error:  # whoever asked hears of it
+            except Exception as error:  # the caller gets it through the future
                 future.set_exception(error)
 
         if os.getpid() != self._process:
@@ -193,7 +197,7 @@ class Positioner(Closing):
         self._stream = client.stream()
 
     def _step(self, client: Client) -> bool:
-        """One turn; False when it is to end."""
+        """Run one turn of the thread; return False when it should end."""
         try:
             job = self._jobs.get_nowait()
             if job is None:
@@ -215,7 +219,7 @@ class Positioner(Closing):
         return True
 
     def _stay(self, client: Client) -> None:
-        """Repeat the set-point before it goes stale."""
+        """Repeat the set-point before it expires."""
         now_ns = clock.monotonic_ns()
         if self._held is not None and now_ns >= self._repeat_ns:
             client.send(self._held)
@@ -234,14 +238,14 @@ class Positioner(Closing):
         self._collecting.append(_Collecting(seconds, future, end_ns, []))
 
     def _judge(self, samples: NDArray[Any]) -> None:
-        """Is it there?"""
+        """Check whether the stage has arrived, within tolerance for settle_s."""
         going = self._going
         if going is None:
             return
         place = samples["measured"] if self.by == "gauge" else model_place(samples)
         meant = samples["target"] == going.value
         near = meant & (np.abs(place - going.value) <= self.tolerance)
-        if self.by == "model":  # nobody knows where a stage is that gives no reading
+        if self.by == "model":  # without a reading the stage's position is unknown
             near &= np.isfinite(samples["measured"])
             going.blind = bool(meant.any()) and not np.isfinite(samples["measured"]).any()
         for i, (sample, is_near) in enumerate(zip(samples, near.tolist(), strict=True)):
@@ -257,7 +261,7 @@ class Positioner(Closing):
                 return
 
     def _arrived(self, going: "_Going") -> None:
-        """Report the place, and whether the gauge confirms it."""
+        """Report the position, and whether the gauge confirms it."""
         there = mean_of(np.concatenate(going.near), self._wall_offset_ns)
         noise = NOISES * there.spread / math.sqrt(max(there.samples, 1))
         agrees = there.finite and abs(there.error) <= self.tolerance + noise
@@ -339,7 +343,7 @@ class Positioner(Closing):
             going.future.set_exception(NotNow(f"{going.value:g} {self.unit} not reached: {why}"))
 
     def _fail(self, why: str) -> None:
-        """Whoever waits hears of it."""
+        """Fail all pending futures with `why`."""
         self._leave(why)
         for one in self._collecting:
             one.future.set_exception(NotNow(why))
@@ -354,7 +358,7 @@ def _end(
     thread: threading.Thread,
     process: int,
 ) -> None:
-    """What `close` does, for a positioner that nobody closed; nothing in a forked child."""
+    """Close a positioner that the program did not close; does nothing in a forked child."""
     if os.getpid() == process and thread is not threading.current_thread():
         stopping.set()
         jobs.put(None)

@@ -1,4 +1,4 @@
-"""What a positioner reports: means of samples, and trajectories with all their samples."""
+"""Results of a positioner: means of samples, and trajectories with all their samples."""
 
 import math
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from dehyst.daemon.rings.records import Flag
 
 @dataclass(frozen=True)
 class Reading:
-    """Means over some samples, NaN where there is no value. Displacements in the stage's unit, from
-    the set-point origin; wall_s: seconds since 1970 of the last one; spread: standard deviation of
-    the readings; missed: how many deadlines were missed; by: what decided that the stage is there,
-    "" for a reading that was only asked for; agrees: the gauge confirms it, within the tolerance
-    and its own noise."""
+    """Means over some samples, NaN if there is no value. Displacements are in the stage's unit from
+    the set-point origin; wall_s: time of the last sample, seconds since 1970; spread: standard
+    deviation of the gauge readings; missed: number of missed deadlines; by: what decided that the
+    stage has arrived, "" for a reading without a move; agrees: the gauge confirms the position,
+    within the tolerance and its own noise."""
 
     measured: float
     spread: float
@@ -32,18 +32,18 @@ class Reading:
 
     @property
     def finite(self) -> bool:
-        """Whether the gauge gave a valid reading at all."""
+        """Return whether the gauge gave a valid reading at all."""
         return math.isfinite(self.measured)
 
     @property
     def error(self) -> float:
-        """Measured minus target; NaN where one of them is missing."""
+        """Return measured minus target; NaN if either is missing."""
         return self.measured - self.target
 
 
 @dataclass(frozen=True)
 class Flight:
-    """A trajectory that was played. samples: (n,) TELEMETRY records, the approach left out; wall_s:
+    """A trajectory that was played. samples: (n,) TELEMETRY records without the approach; wall_s:
     (n,) seconds since 1970."""
 
     played: Played
@@ -52,12 +52,13 @@ class Flight:
 
 
 def model_place(samples: NDArray[Any]) -> NDArray[np.float64]:
-    """Where the model sees the stage, as the set-points count it: without trim and learning."""
+    """Return the position predicted by the model, without trim and learned correction, on the scale
+    of the set-points."""
     return np.asarray(samples["predicted"] - samples["trim"] - samples["learned"])
 
 
 def mean_of(samples: NDArray[Any], wall_offset_ns: int) -> Reading:
-    """Means of (n,) TELEMETRY records."""
+    """Return the means of (n,) TELEMETRY records."""
     return Reading(
         measured=_mean(samples["measured"]),
         spread=float(np.nanstd(samples["measured"]))

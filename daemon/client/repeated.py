@@ -1,4 +1,4 @@
-"""The points of a trajectory that is played again and again, a pass after a pass without a gap."""
+"""The points of a trajectory that is played repeatedly, pass after pass without a gap."""
 
 from collections.abc import Callable
 
@@ -12,10 +12,11 @@ Numbers = NDArray[np.int64]
 
 
 class Repeated:
-    """A trajectory and how often: point number k of the whole is point k modulo n of pass k // n.
+    """A repeated trajectory: point number k overall is point k modulo n of pass k // n.
 
-    t_s, value: (n,) times [s] and targets; times: passes, 0: until `end` is called. correct: from
-    point numbers (m,) to what was learned for them. Raises BadInput on times that do not increase.
+    t_s, value: (n,) times [s] and targets; times: number of passes, 0: until `end` is called.
+    correct: returns the learned corrections of point numbers (m,). Raises BadInput if the times do
+    not increase.
     """
 
     def __init__(
@@ -39,35 +40,35 @@ class Repeated:
         self._correct = correct
 
     def end(self, sent: int) -> None:
-        """No pass after the one that point number `sent` belongs to."""
+        """End after the last pass of which points have been sent (`sent` points so far)."""
         if self.total is None:
             self.total = self.n * max(1, -(-sent // self.n))
 
     def over(self, sent: int) -> bool:
-        """True when all points have been sent."""
+        """Return True once all points have been sent."""
         return self.total is not None and sent >= self.total
 
     def left(self, sent: int) -> Floats:
-        """(m,) targets of the points from number `sent` on; of a whole pass where there is no
-        end."""
+        """Return the (m,) targets of the points from number `sent` on; those of a whole pass if
+        there is no end."""
         if self.total is None:
             return self.targets
         return self.targets[np.arange(sent, self.total) % self.n]
 
     @property
     def duration_s(self) -> float:
-        """Of the whole; infinite where it has no end."""
+        """Return the duration of all passes [s]; infinite if there is no end."""
         if self.total is None:
             return float("inf")
         return (self.pass_ns * (self.total // self.n - 1) + int(self.offset_ns[-1])) * 1e-9
 
     def samples(self, period_s: float) -> int:
-        """How many samples of the loop the whole takes."""
+        """Return how many samples of the loop all passes take."""
         return 1 << 62 if self.total is None else round(self.duration_s / period_s) + 1
 
     def piece(self, first: int, span_s: float, most: int) -> tuple[Numbers, Floats, Floats]:
-        """Offsets [ns], targets and corrections of the points from number `first` on, for `span_s`
-        and two of them at the least, `most` at the most."""
+        """Return offsets [ns], targets and corrections of the points from number `first` on: those
+        within `span_s`, at least two and at most `most`."""
         last = first + most if self.total is None else min(first + most, self.total)
         numbers = np.arange(first, last)
         offsets = self.offset_ns[numbers % self.n] + numbers // self.n * self.pass_ns
@@ -79,8 +80,8 @@ class Repeated:
 
 
 def on_grid(t_s: Floats, value: Floats, period_s: float) -> tuple[Floats, Floats]:
-    """One pass at the loop's period, (m,) times and targets: a whole number of periods, so that the
-    same places are met in every pass."""
+    """Resample one pass to the loop's period: (m,) times and targets, a whole number of periods, so
+    that every pass visits the same positions."""
     begun = t_s - t_s[0]
     step = float(np.median(np.diff(begun)))
     periods = max(2, round((float(begun[-1]) + step) / period_s))

@@ -1,4 +1,4 @@
-"""Can the axes follow a path? Every target is inverted as the daemon would, before all motion."""
+"""Checks whether the axes can follow a path, by inverting every target as the daemon would."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from dehyst.models.inverse.offline import UNREACHABLE, invert_streamed
 from dehyst.models.model import Model
 from dehyst.models.recording import AXIS_CHANNEL, Floats
 
-APPROACH = 400  # samples at the first target, in which the output gets there
+APPROACH = 400  # samples at the first target, for the output to get there
 
 
 @dataclass(frozen=True)
 class Reached:
-    """What an axis may be asked for. drives: least and largest; slew: [drive unit/s]; zero: the
+    """Limits of an axis. drives: smallest and largest drive; slew: [drive unit/s]; zero: the
     model's displacement at set-point 0."""
 
     model: Model
@@ -31,13 +31,13 @@ class Reached:
 
     @property
     def set_points(self) -> tuple[float, float]:
-        """Least and largest set-point."""
+        """Return the smallest and largest set-point."""
         low, high = displacement_range(self.model, *self.drives)
         return low - self.zero, high - self.zero
 
 
 def axes_of(path: Path, names: tuple[str, ...]) -> tuple[dict[str, Reached], float]:
-    """The axes of a configuration by these names, and the loop's rate. Raises BadInput."""
+    """Return the named axes of a configuration and the loop's rate [Hz]. Raises BadInput."""
     controller = load_controller(path)
     known = dict(zip(controller.axis_names, controller.axes, strict=True))
     out = {}
@@ -51,14 +51,15 @@ def axes_of(path: Path, names: tuple[str, ...]) -> tuple[dict[str, Reached], flo
 
 
 def axis_of_daemon(model: Model, config: Config) -> Reached:
-    """An axis with this model under this configuration."""
+    """Return the limits of an axis with this model and configuration."""
     drives = drive_range(config, model)
     zero = set_point_origin(config.setpoint.origin, *displacement_range(model, *drives))
     return Reached(model, drives, config.limits.slew_v_per_s / abs(config.actuator.gain), zero)
 
 
 def axis_of_model(model: Model, slew: float) -> Reached:
-    """An axis of which only the model is known: its set-points are the model's displacements."""
+    """Return the limits of an axis of which only the model is known; its set-points are the model's
+    displacements."""
     valid = model.validity
     return Reached(model, (valid.drive_min, valid.drive_max), slew, 0.0)
 
@@ -66,8 +67,8 @@ def axis_of_model(model: Model, slew: float) -> Reached:
 def require_reach(
     axes: Mapping[str, Reached], targets: Mapping[str, Floats], period_s: float
 ) -> list[str]:
-    """Raise BadInput where an axis cannot follow its targets (N,), which count from its set-point
-    origin; the words about what else is worth knowing."""
+    """Raise BadInput if an axis cannot follow its targets (N,), given from its set-point origin;
+    return warnings for the user."""
     said = []
     for name, one in axes.items():
         target = targets[name]
@@ -102,7 +103,8 @@ def require_reach(
 def _others(
     comp: Compensator, axes: Mapping[str, Reached], targets: Mapping[str, Floats]
 ) -> Floats | None:
-    """(APPROACH + N, channels) what the model follows: the targets of the other axes, else NaN."""
+    """Return the (APPROACH + N, channels) inputs of the model's channels: the targets of the other
+    axes, NaN for all other channels."""
     if not comp.channels:
         return None
     columns = []

@@ -1,4 +1,4 @@
-"""What a client hears: telemetry without gaps where that is possible, status, events, refusals."""
+"""Receives telemetry (without gaps where possible), status, events and refusals for a client."""
 
 import threading
 from collections import deque
@@ -22,11 +22,11 @@ NOTHING: NDArray[Any] = np.zeros(0, TELEMETRY)
 
 
 class TelemetryStream:
-    """Every sample, in order, once.
+    """Delivers every sample once and in order.
 
-    A gap in the sequence numbers (a slow reader, a gateway that was restarted) is filled from the
-    daemon's history; what is not there any more is counted in `lost` and stays a gap. `run`
-    changes when the loop was started anew; its numbers then begin at 0 again.
+    A gap in the sequence numbers (a slow reader, a restarted gateway) is filled from the daemon's
+    history; samples that are no longer there are counted in `lost` and remain a gap. `run` changes
+    when the loop is restarted; sequence numbers then begin at 0 again.
     """
 
     def __init__(self, bus: Bus, keys: Keys, history: Callable[..., NDArray[Any]]) -> None:
@@ -34,7 +34,7 @@ class TelemetryStream:
         self._waiting: deque[bytes] = deque(maxlen=WAITING_BATCHES)
         self._arrived = threading.Event()
         self.run = 0
-        self.next_seq = -1  # -1: nothing came yet
+        self.next_seq = -1  # -1: nothing has arrived yet
         self.lost = 0
         self.recovered = 0
         self.bad = 0
@@ -47,8 +47,8 @@ class TelemetryStream:
         self._arrived.set()
 
     def read(self, timeout_s: float = 0.0) -> NDArray[Any]:
-        """(n,) TELEMETRY records of one run that have arrived, at least one batch where one comes
-        within timeout_s."""
+        """Return the (n,) TELEMETRY records of one run that have arrived; wait up to timeout_s for
+        the first batch."""
         self._bus.check_process()
         parts: list[NDArray[Any]] = []
         deadline_ns = clock.monotonic_ns() + round(timeout_s * 1e9)
@@ -103,12 +103,13 @@ class TelemetryStream:
 
 
 class StatusFeed:
-    """Newest status (None: none came yet), and what happened since it was last looked at."""
+    """Holds the newest status (None: none has arrived yet) and the newest events, refusals and
+    doctor reports."""
 
     def __init__(self, bus: Bus, keys: Keys) -> None:
         self.status: Status | None = None
         self.status_at_ns = 0
-        self.bad = 0  # messages that were none of this version
+        self.bad = 0  # messages that could not be decoded in this version
         self.events: deque[Event] = deque(maxlen=256)
         self.rejections: deque[Rejection] = deque(maxlen=256)
         self.doctor: deque[DoctorReport] = deque(maxlen=64)
@@ -120,7 +121,7 @@ class StatusFeed:
         ]
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         for end in self._ends:
             end()
 

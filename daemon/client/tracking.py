@@ -1,4 +1,4 @@
-"""How well a trajectory was followed, from the telemetry. Pure."""
+"""Computes from the telemetry how well a trajectory was followed. Pure."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,8 +13,8 @@ from dehyst.daemon.rings.records import Flag, State
 class Tracking:
     """Statistics over a trajectory's own samples, without the approach to its first point.
 
-    first_seq: samples before it belong to something else; expected: samples the trajectory has.
-    dry: samples for which the inverse fell back, e.g. because no points had come in time.
+    first_seq: earlier samples do not belong to it; expected: number of samples of the trajectory.
+    dry: samples for which the inverse fell back, e.g. because no points arrived in time.
     Errors are measured minus target, in the displacement unit, over samples with a valid reading.
     """
 
@@ -35,16 +35,16 @@ class Tracking:
 
     @property
     def complete(self) -> bool:
-        """True when all samples of the trajectory have been seen."""
+        """Return True once all samples of the trajectory have been seen."""
         return self.samples >= self.expected
 
     @property
     def rms_error(self) -> float:
-        """rms of measured minus target; NaN without a valid reading."""
+        """Return the rms of measured minus target; NaN without a valid reading."""
         return float(np.sqrt(self.square_sum / self.valid)) if self.valid else float("nan")
 
     def add(self, samples: NDArray[Any]) -> NDArray[Any]:
-        """Take the next (n,) TELEMETRY records; those of them that are the trajectory's own."""
+        """Add the next (n,) TELEMETRY records; return those that belong to the trajectory."""
         samples = samples[samples["seq"] >= self.first_seq]
         approach = (samples["flags"] & Flag.APPROACH) != 0
         running = samples["state"] == State.RUNNING

@@ -1,4 +1,4 @@
-"""What the stage does once a command is over, in words: from the configuration that decides it."""
+"""Describes, from the configuration, what the stage does after a command."""
 
 from dehyst.daemon.config import Config
 
@@ -6,12 +6,12 @@ KEEP = "--for S or --stay keeps the stage there"
 
 
 def what_follows(config: Config) -> str:
-    """What comes after the last set-point of a client that sends no other one."""
+    """Describe what happens after the last set-point of a client that sends no further one."""
     return f"{after_the_last(config)}; {KEEP}"
 
 
 def after_the_last(config: Config) -> str:
-    """What comes after the last target of a client."""
+    """Describe what happens after the last target of a client."""
     setpoint, safe = config.setpoint, config.safe
     held_s = setpoint.stale_s + setpoint.hold_s
     return (
@@ -20,7 +20,7 @@ def after_the_last(config: Config) -> str:
 
 
 def after_a_stop(config: Config) -> str:
-    """What comes after a stop or a hold."""
+    """Describe what happens after a stop or a hold."""
     return (
         f"holds the output for {config.setpoint.hold_s:g} s, then ramps to "
         f"{config.safe.voltage_v:g} V at {config.safe.ramp_v_per_s:g} V/s"

@@ -1,4 +1,4 @@
-"""Where gauge and model disagree: at rest, or along a slow exercise of the stage."""
+"""Compares gauge and model, at rest or while the stage is moved slowly."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +19,7 @@ POINTS_PER_S = 50.0
 
 @dataclass(frozen=True)
 class Place:
-    """Mean difference where the model's displacement is between low and high."""
+    """Mean difference while the model's displacement is between low and high."""
 
     low: float
     high: float
@@ -28,7 +28,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Disagreement:
-    """Gauge minus model: on average, and by place. samples: how many were compared."""
+    """Gauge minus model, overall and per position range. samples: how many were compared."""
 
     mean: float
     places: tuple[Place, ...]
@@ -36,7 +36,7 @@ class Disagreement:
 
 
 def differences(samples: NDArray[Any]) -> Disagreement:
-    """Of (n,) TELEMETRY records; each place counts alike."""
+    """Compare gauge and model in (n,) TELEMETRY records; all position ranges have equal weight."""
     unusable = int(Flag.SENSOR_INVALID | Flag.SENSOR_HELD)
     good = (samples["flags"] & unusable) == 0
     good &= np.isfinite(samples["measured"]) & np.isfinite(samples["predicted"])
@@ -59,7 +59,7 @@ def differences(samples: NDArray[Any]) -> Disagreement:
 
 
 def compare_zero(client: Client) -> Disagreement:
-    """Listen for REST_S; moves nothing. Raises NotNow where no telemetry comes."""
+    """Listen for REST_S without moving anything. Raises NotNow if no telemetry arrives."""
     stream = client.stream()
     parts: list[NDArray[Any]] = []
     begun_ns = clock.monotonic_ns()
@@ -79,8 +79,8 @@ def compare_zero(client: Client) -> Disagreement:
 
 
 def exercise_and_compare(client: Client, share: float, seconds: float) -> Disagreement:
-    """Through `share` of the reach, there and back twice in `seconds` each; the second time counts.
-    It ends at the low end of that way. Raises Refusal, BusError."""
+    """Cycle twice through `share` of the reach, `seconds` per cycle, and compare in the second
+    cycle. The stage ends at the low end of that range. Raises NotNow, Refusal, BusError."""
     status = client.status()
     middle = 0.5 * (status.reach_min + status.reach_max)
     half = 0.5 * share * (status.reach_max - status.reach_min)
