@@ -1,1 +1,1 @@
-"""The process with the network: admission, lease, publisher, history, mismatch watch."""
+"""The process that serves the network: admission, lease, publisher, history, mismatch watch."""

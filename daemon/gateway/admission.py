@@ -1,10 +1,10 @@
-"""What of the clients' commands reaches the loop. Pure: times come in, records go out.
+"""Decides which client commands reach the loop. Pure: takes times as arguments and returns records.
 
-A command that is not admitted is answered with a code and the reason in words, and counted. The
-checks, in this order: is the loop there and in a state that follows commands; lease; order and
-age; unit; finite; within reach; room in the queue. Nothing is clipped or mended here. What a
-trajectory may reach is decided when it begins (dehyst.daemon.gateway.in_play), and which of its
-points are new and in order stands in dehyst.daemon.gateway.trajectory.
+A refused command is counted and answered with a code and a reason in words. The checks, in this
+order: the loop is present and in a state that follows commands; lease; order and age; unit; finite;
+within reach; room in the queue. Nothing is clipped or repaired here. A trajectory's reach is fixed
+when it begins (dehyst.daemon.gateway.in_play); dehyst.daemon.gateway.trajectory decides which of
+its points are new and in order.
 """
 
 from collections import Counter
@@ -23,13 +23,13 @@ from dehyst.daemon.gateway.trajectory import NewPoints, PassedOn, TrajectoryProg
 from dehyst.daemon.rings.records import LoopCommand
 
 DecideOffer = Callable[[str, int], str]
-"""(action, number of the offer): why not, in words; "": it is being done."""
+"""Takes (action, number of the offer); returns why not, in words, or "" if it is being done."""
 
 
 class Admission:
-    """The gate. unit: the model's displacement unit; queue_s: most trajectory ahead;
-    stale_s: set-points that took longer to arrive are refused; may_stay: a set-point or a hold may
-    last without its client."""
+    """Admits or refuses commands. unit: the model's displacement unit; queue_s: longest trajectory
+    ahead of the loop; stale_s: commands that took longer to arrive are refused; may_stay: a
+    set-point or a hold may outlast its client."""
 
     def __init__(
         self, unit: str, queue_s: float, stale_s: float, lease: Lease, may_stay: bool = False
@@ -47,22 +47,23 @@ class Admission:
         self._room = 0
 
     def resume(self, newest: NDArray[np.void]) -> None:
-        """Learn from the (0,) or (1,) newest POINT record in the ring what a gateway before this
-        one has passed on."""
+        """Restore what an earlier gateway has passed on, from the (0,) or (1,) newest POINT record
+        in the ring."""
         self._trajectory = TrajectoryProgress.resumed(newest)
 
     def loop_says(self, trajectory: int, running: bool) -> None:
-        """The loop's own word on the trajectory that it has; one that it has left (it ran dry,
-        a fault) is not taken up again."""
+        """Take the loop's report on its trajectory; one that the loop has left (no more points, a
+        fault) is not resumed."""
         if trajectory == self._trajectory.number and not running:
             self._trajectory.over = self._trajectory.over or "the loop no longer follows it"
 
     def queue_ahead_s(self, now_ns: int) -> float:
-        """Trajectory ahead of the loop at most: its own last word and what was passed on since."""
+        """Return the trajectory ahead of the loop at most [s]: its last report plus what was passed
+        on since."""
         return self._queue.ahead_s(now_ns, self.core)
 
     def handle(self, now_ns: int, command: Command, room: int) -> tuple[Reply, NDArray[np.void]]:
-        """(answer, COMMAND records for the loop). room: records that its ring can take."""
+        """Return (answer, COMMAND records for the loop). room: records that its ring can take."""
         self.commands += 1
         self._room = room
         code, text = "ok", ""
@@ -79,7 +80,7 @@ class Admission:
         return self.granted(now_ns, command, code, text), records
 
     def _report_final(self, command: Command, refused: NotAdmitted) -> None:
-        """Report once that the trajectory in play is refused for good."""
+        """Report once that the trajectory in play is finally refused."""
         now = self._trajectory
         said = CODES[refused.code].waits or now.over or now.refused
         if isinstance(command, Chunk) and self.plays(command) and not said:
@@ -87,7 +88,7 @@ class Admission:
             self.report(2, "trajectory", f"the trajectory in play is refused: {refused}")
 
     def granted(self, now_ns: int, command: Command, code: str = "ok", text: str = "") -> Reply:
-        """The answer to a command that was admitted."""
+        """Return the answer to an admitted command."""
         holder = self.lease.check(now_ns, command.client, self.lease.lease)
         return Reply(
             ok=True,
@@ -100,7 +101,7 @@ class Admission:
         )
 
     def refuse(self, now_ns: int, code: str, text: str) -> Reply:
-        """Count a refusal and say why."""
+        """Count a refusal and return the answer with its reason."""
         self.rejected[code] += 1
         return Reply(ok=False, code=code, text=text[:500], queue_s=self.queue_ahead_s(now_ns))
 
@@ -169,11 +170,11 @@ class Admission:
         return records
 
     def plays(self, command: Chunk) -> bool:
-        """Whether the trajectory of this chunk has begun here."""
+        """Return whether the trajectory of this chunk has begun on this axis."""
         return self._trajectory.is_of(command)
 
     def check_first(self, now_ns: int, command: Chunk, room: int) -> None:
-        """NotAdmitted where this first chunk of a trajectory would not be taken now."""
+        """Raise NotAdmitted if this first chunk of a trajectory would be refused now."""
         self._room = room
         self._check_chunk(now_ns, command)
 
@@ -204,12 +205,12 @@ class Admission:
         return records, "ok", "" if command.allow_unreachable else self._beyond(command, new.values)
 
     def _has_begun(self, now: TrajectoryProgress) -> bool:
-        """Whether the reach at its beginning is known."""
+        """Return whether the reach at the trajectory's start is known."""
         return (self.begun.trajectory, self.begun.client) == (now.number, now.client)
 
     def _beyond(self, command: Chunk, values: Values) -> str:
-        """Count what another model has left out of reach, and report it: when it begins, in words
-        for the client too, and at the end."""
+        """Count the points that a model change has put out of reach. Report them at the first one,
+        then also in words for the client, and at the end."""
         begun, first = self.begun, not self.begun.beyond
         if begun.count(values, self.core.reachable):
             self.keep(begun)
@@ -222,7 +223,8 @@ class Admission:
     def _check_chunk(
         self, now_ns: int, command: Chunk
     ) -> tuple[TrajectoryProgress, NewPoints] | None:
-        """Its trajectory and its new points; None: it was taken before. Raises NotAdmitted."""
+        """Return the chunk's trajectory and its new points, None for a duplicate. Raises
+        NotAdmitted."""
         self.core.check_state(self._room, len(command.value) // 8 + 1)
         self._check_lease(now_ns, command.client, command.lease)
         self._check_age(now_ns, command.sent_ns)
@@ -275,7 +277,7 @@ class Admission:
         self._queue.clear()
 
     def check_free(self, now_ns: int, command: Request) -> None:
-        """NotAdmitted where this command cannot have the lease."""
+        """Raise NotAdmitted if this command cannot get the lease."""
         lease = self.lease
         if command.client == 0:
             raise NotAdmitted("no-lease", "0 is not a client's number")
@@ -285,7 +287,8 @@ class Admission:
             raise NotAdmitted("lease-taken", self._taken(now_ns))
 
     def give_lease(self, now_ns: int, command: Request, number: int = 0) -> None:
-        """Give it the lease, which was found free; number: of the lease, 0: a new one."""
+        """Give the lease to the command's client, after check_free. number: the lease's number, 0:
+        a new one."""
         lease, client = self.lease, command.client
         before = lease.client if lease.held(now_ns) else 0
         lease.give(now_ns, client, command.label, command.sent_ns, number)
@@ -300,7 +303,7 @@ class Admission:
             self.check_free(now_ns, command)
             self.give_lease(now_ns, command)
             return NOTHING
-        if action in ("stop", "release"):  # whoever may command at all may always stop
+        if action in ("stop", "release"):  # allowed without a lease
             self.core.check(self._room)
             self._end_trajectory("it was stopped")
             if lease.check(now_ns, client, command.lease):
@@ -308,7 +311,7 @@ class Admission:
             return make_records(
                 LoopCommand.STOP_MOTION if action == "stop" else LoopCommand.RELEASE, client
             )
-        if action in ("accept", "reject"):  # whoever may command; it moves nothing by itself
+        if action in ("accept", "reject"):  # allowed without a lease: it moves nothing by itself
             if why := self.decide_offer(action, command.offer):
                 raise NotAdmitted("no-offer", why)
             return NOTHING

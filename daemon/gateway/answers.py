@@ -1,5 +1,5 @@
-"""Answers the longer questions: status, model, configuration, events, history. Threads of their
-own, one for the history: a slow asker keeps nobody waiting who commands, or who asks for less."""
+"""Answers queries: status, model, configuration, events, history. They run in their own threads,
+one of them for history only, so that a slow query delays neither commands nor shorter queries."""
 
 import logging
 import threading
@@ -28,32 +28,32 @@ TOML, HTML = "application/toml", "text/html"
 
 
 def config_text(config: Config) -> str:
-    """The configuration in force, defaults included, as TOML."""
+    """Return the configuration in force as TOML, including defaults."""
     return tomli_w.dumps(_without_none(msgspec.to_builtins(config)))
 
 
 def _without_none(value: Any) -> Any:
-    """TOML has no null: a key that is not set is left out."""
+    """Leave out keys that are not set, as TOML has no null."""
     if isinstance(value, dict):
         return {k: _without_none(v) for k, v in value.items() if v is not None}
     return value
 
 
 class Answers:
-    """`ask` is called from zenoh's threads, `run` is its own thread."""
+    """Queue of queries: `ask` is called from zenoh's threads, `run` is the answering thread."""
 
     def __init__(self) -> None:
         self._questions: SimpleQueue[tuple[ServedAxis, Asked]] = SimpleQueue()
 
     def ask(self, axis: ServedAxis, asked: Asked) -> None:
-        """Store a question about an axis; where too many wait it gets no answer."""
+        """Queue a query about an axis; if too many are waiting, it gets no answer."""
         if self._questions.qsize() < WAITING:
             self._questions.put((axis, asked))
         else:
             asked.done()
 
     def run(self, stop: threading.Event) -> None:
-        """Until `stop`."""
+        """Answer queries until `stop` is set."""
         while not stop.is_set():
             try:
                 axis, asked = self._questions.get(timeout=0.1)
@@ -68,7 +68,7 @@ class Answers:
                 asked.refuse("an error in the daemon; its log has the details")
             finally:
                 asked.done()
-                del asked  # an asker waits for as long as the question is held
+                del asked  # the client waits as long as a reference to the query exists
 
 
 def _answer(axis: ServedAxis, asked: Asked) -> None:
@@ -95,7 +95,7 @@ def _answer(axis: ServedAxis, asked: Asked) -> None:
 
 
 def _model_text(publisher: Publisher) -> str:
-    """The model that the loop runs: its own copy, no other."""
+    """Return the model that the loop runs, from the loop's own copy."""
     path = publisher.model_path
     if path is None:
         raise NotNow("the loop does not run yet, so its model is not known")
@@ -111,7 +111,7 @@ def _give_history(axis: ServedAxis, asked: Asked, wall_offset_ns: int) -> None:
     history = axis.publisher.history
     first, end = question.first_seq, question.end_seq
     if question.run not in (0, history.run):
-        end = first  # that run is over and its samples are gone
+        end = first  # that run has ended and its samples are gone
     if question.seconds:
         first = max(first, history.end - round(question.seconds / axis.config.period_ns * 1e9))
     first, end = max(first, history.first), min(end, history.end)

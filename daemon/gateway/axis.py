@@ -1,4 +1,4 @@
-"""One axis at the gateway: its keys, its rings, its gate, and what is published of it."""
+"""One axis in the gateway: its keys, rings, admission and publisher."""
 
 from functools import partial
 
@@ -15,7 +15,7 @@ from dehyst.daemon.gateway.publisher import Publisher, Served
 
 
 class ServedAxis:
-    """config: the axis'; served: what the gateway says of itself for every axis."""
+    """One served axis. config: the axis's; served: what the gateway reports about itself."""
 
     def __init__(self, config: Config, bus: Bus, served: Served) -> None:
         self.config, self.keys = config, Keys(config.bus.base, config.name)

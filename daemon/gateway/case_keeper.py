@@ -1,8 +1,8 @@
-"""What the doctor is given: the last good recording, the flagged one, and what came after.
+"""Writes the doctor's cases: the last good recording, the flagged one, and the one after it.
 
-Called by the mismatch watch's thread. While the stage is in order and moves, a short stretch of
-telemetry is kept now and then; the newest that ended well before the flag is the good one. Each
-recording has what led to it in front (Case.leads): a stage remembers, and what it does hangs on it.
+Called by the mismatch watch's thread. While the stage matches its model and moves, a short stretch
+of telemetry is kept at intervals; the newest that ended well before the flag is the good one. Each
+recording begins with a lead (Case.leads), since a stage with hysteresis depends on its past.
 """
 
 from collections import deque
@@ -31,16 +31,16 @@ from dehyst.daemon.gateway.history import TelemetryHistory
 from dehyst.models.errors import DehystError
 
 GOOD_S, EVERY_S, SPARE_S = 20.0, 8, 12.0
-"""Length of a good stretch; seconds of motion between two; what lies closer to the flag than this
-may have had the mismatch in it already."""
+"""Length of a good stretch [s]; motion between two [s]; time before the flag [s] in which the
+mismatch may already have been present."""
 LEAD_S = 25.0
-"""In front of each recording, as far as the history goes."""
-MOST_ROWS = 60_000  # of a good stretch, and of a lead
+"""Lead before each recording [s], as far as the history goes."""
+MOST_ROWS = 60_000  # longest good stretch and longest lead
 STRETCHES = 4
 
 
 class CaseKeeper:
-    """Writes cases. history: where telemetry of the last minute is."""
+    """Writes cases. history: telemetry of the last minute."""
 
     def __init__(self, config: Config, history: TelemetryHistory) -> None:
         self._config, self._history = config, history
@@ -52,12 +52,13 @@ class CaseKeeper:
         self._lead = min(MOST_ROWS, round(LEAD_S * self._rate_hz))
 
     def restart(self) -> None:
-        """Another run or another model: nothing is known to be good, no case is open."""
+        """Forget good stretches and the open case, after a new run or a new model."""
         self._good.clear()
         self._motion_s, self._end = 0, -1
 
     def in_order(self, seq: int, motion_s: int) -> None:
-        """The stage is in order at this sample, and has moved for so long in all."""
+        """Keep a good stretch if due: the stage matches its model at sample `seq` and has moved
+        for `motion_s` in total."""
         if motion_s - self._motion_s < EVERY_S:
             return
         self._motion_s = motion_s
@@ -67,8 +68,8 @@ class CaseKeeper:
     def begin(
         self, recording: Path, flagged: int, end: int, origin: float, case: Case, model: Path
     ) -> None:
-        """The recording around the mismatch is complete: a case. flagged: sample of the flag; end:
-        its last one. Raises OSError, DehystError."""
+        """Open a case once the recording around the mismatch is complete. flagged: sample of the
+        flag; end: last sample of the recording. Raises OSError, DehystError."""
         folder = case_folder(recording)
         folder.mkdir(parents=True)
         good, leads = self._last_good(flagged), {}
@@ -91,7 +92,7 @@ class CaseKeeper:
         return fit[-1] if fit else None
 
     def go_on(self, seq: int, model: Path) -> None:
-        """Telemetry has come to this sample: what came after the recording is complete now?"""
+        """Write the recording after the mismatch, once telemetry has reached its end at `seq`."""
         if self._folder is None or self._end < 0 or seq < self._end:
             return
         end, self._end = self._end, -1
@@ -99,13 +100,13 @@ class CaseKeeper:
             samples = self._history.get(self._first, end + 1)
             self._write(self._folder / LATER, samples, self._first, self._origin, model)
         except (OSError, DehystError):
-            return  # the doctor does not find it, and offers nothing
+            return  # without this file the doctor offers nothing
 
     def _write(
         self, path: Path, samples: NDArray[Any], first: int, origin: float, model: Path
     ) -> float:
-        """Under another name first: the doctor reads what has its own. first: the sample with which
-        what counts begins; how long the lead before it is [s]."""
+        """Write under a temporary name, then rename, as the doctor reads files under the final
+        name. first: first sample after the lead. Return the length of the lead [s]."""
         known = load_model(model)
         part = path.with_name(f"part-{path.name}")
         units = (known.drive_unit, known.displacement_unit)
@@ -117,7 +118,7 @@ class CaseKeeper:
 
 
 def describe_case(config: Config, name: str, figure: str, when: tuple[int, int]) -> Case:
-    """A new case with the limits of the stage's drive. when: (time_ns, wall_ns) of the flag."""
+    """Return a new case with the stage's drive limits. when: (time_ns, wall_ns) of the flag."""
     gain, limits = config.actuator.gain, config.limits
     low, high = np.sort(np.array([limits.min_v, limits.max_v]) / gain)
     return Case(

@@ -1,9 +1,9 @@
-"""From the clients to the command rings: what was sent waits in bounded queues, is admitted or
-refused (dehyst.daemon.gateway.admission), and passed on by one thread for all axes.
+"""Passes commands from the clients to the command rings: they wait in bounded queues, are admitted
+or refused (dehyst.daemon.gateway.admission), and are passed on by one thread for all axes.
 
-Questions (answered commands: leases, stop, trajectory chunks) go before set-points that were just
-put, so that a flood of the latter cannot keep a stop away. Of the set-points, each axis has its
-own queue, and one of each is taken in turn: a flood at one axis keeps no other waiting.
+Questions (commands with an answer: leases, stop, trajectory chunks) take precedence over set-points
+that were put, so that a flood of set-points cannot delay a stop. Each axis has its own queue of
+set-points, and the queues are served in turn, so that a flood at one axis delays no other.
 """
 
 import logging
@@ -29,14 +29,14 @@ from dehyst.daemon.gateway.together import handle_together
 log = logging.getLogger(__name__)
 WAITING_PUTS = 1024
 CROWD = 64
-"""When more set-points than this wait, only the newest of each sender is looked at."""
+"""When more set-points than this wait, only the newest of each sender is considered."""
 WAITING_QUESTIONS = 256
 REJECTIONS_NS = 100_000_000
 LONGEST_REFUSALS = 64
 
 
 class AxisDoor:
-    """What waits at one axis and what was refused there. keys, rings, admission: the axis' own."""
+    """Waiting set-points and refusals of one axis. keys, rings, admission: the axis's own."""
 
     def __init__(self, bus: Bus, keys: Keys, rings: CoreRings, admission: Admission) -> None:
         self.name, self.rings, self.admission = keys.name, rings, admission
@@ -47,7 +47,7 @@ class AxisDoor:
         self._rejections = bus.sender(keys.pubsub(subject(REJECTION)), REJECTION)
 
     def refused(self, client: int, code: str, text: str, count: int) -> None:
-        """Keep a refusal until it is reported."""
+        """Store a refusal until it is published."""
         key = (client, code)
         if key in self._refusals or len(self._refusals) < LONGEST_REFUSALS:
             self._refusals[key] = (self._refusals.get(key, (0, ""))[0] + count, text)
@@ -55,7 +55,7 @@ class AxisDoor:
             self.publish_refusals()
 
     def publish_refusals(self) -> None:
-        """Publish the refusals, at most ten times a second and once for each client and reason."""
+        """Publish the refusals, at most ten times per second and once per client and code."""
         now_ns = clock.monotonic_ns()
         if now_ns - self._published_ns < REJECTIONS_NS:
             return
@@ -84,14 +84,14 @@ class CommandIntake:
         self._own: SimpleQueue[tuple[AxisDoor, NDArray[Any]]] = SimpleQueue()
 
     def put(self, door: AxisDoor, key: str, payload: bytes) -> None:
-        """Store a set-point. Where too many wait, the oldest goes: the newest is what counts."""
+        """Queue a set-point. If too many wait, drop the oldest, as only the newest matters."""
         if len(door.puts) == WAITING_PUTS:
             door.flooded += 1
         door.puts.append((key, payload))
         self._work.set()
 
     def ask(self, door: AxisDoor, asked: Asked) -> None:
-        """Store a command that wants an answer. Where too many wait, it gets none."""
+        """Queue a command that expects an answer. If too many wait, it gets none."""
         if self._questions.qsize() < WAITING_QUESTIONS:
             self._questions.put((door, asked))
             self._work.set()
@@ -100,12 +100,12 @@ class CommandIntake:
             asked.done()
 
     def pass_to_loop(self, door: AxisDoor, records: NDArray[Any]) -> None:
-        """Pass on (n,) COMMAND records of the gateway's own; from any thread."""
+        """Pass on (n,) COMMAND records issued by the gateway itself; from any thread."""
         self._own.put((door, records))
         self._work.set()
 
     def run(self, stop: threading.Event) -> None:
-        """Until `stop`."""
+        """Pass commands on until `stop` is set."""
         while not stop.is_set():
             self._work.wait(0.1)
             self._work.clear()
@@ -117,7 +117,7 @@ class CommandIntake:
                 door.publish_refusals()
 
     def _pass_own(self) -> None:
-        """What the gateway itself tells the loops; where one takes nothing now, later."""
+        """Pass on the gateway's own records; retry later for a loop whose ring is full."""
         for _ in range(self._own.qsize()):
             door, records = self._own.get()
             if door.rings.room > 0:
@@ -135,7 +135,7 @@ class CommandIntake:
         return True
 
     def _take_one_each(self) -> bool:
-        """One set-point of each axis that has one; False: none has."""
+        """Handle one waiting set-point per axis; return False if there is none."""
         taken = [self._take_one(door) for door in self._doors.values()]
         return any(taken)
 
@@ -150,7 +150,7 @@ class CommandIntake:
         return True
 
     def _thin_out(self, door: AxisDoor) -> None:
-        """Of what waits, keep the newest of each sender."""
+        """Handle only the newest waiting set-point of each sender and drop the rest."""
         waiting = [door.puts.popleft() for _ in range(len(door.puts))]
         newest = dict(waiting)
         door.flooded += len(waiting) - len(newest)
@@ -179,7 +179,7 @@ class CommandIntake:
                     reply, records = door.admission.handle(now_ns, command, door.rings.room)
                     self._starts.withdraw({door.name: records})
                     door.rings.push(records)
-            except Exception:  # one command must not take the gateway from everybody
+            except Exception:  # one command must not bring the gateway down
                 log.exception("a command could not be decided: %r", command)
                 reply = door.admission.refuse(now_ns, "bad-message", "an error in the daemon")
         if not reply.ok:
@@ -187,7 +187,8 @@ class CommandIntake:
         return reply
 
     def _strange(self, door: AxisDoor, chunk: Chunk) -> str:
-        """Why these axes cannot play together: one that is not there would be waited for."""
+        """Return why these axes cannot play together, or "". A start would wait for an unknown
+        axis."""
         axes = chunk.axes
         if not axes or (
             door.name in axes and set(axes) <= self._doors.keys() and len(set(axes)) == len(axes)

@@ -1,4 +1,4 @@
-"""The gateway's end of the rings: attach, attach again when the core was restarted, read, push."""
+"""The gateway's end of the rings: attach, reattach after a restart of the core, read, push."""
 
 import os
 from pathlib import Path
@@ -17,10 +17,10 @@ LAYOUTS = {"telemetry": TELEMETRY, "status": STATUS, "event": EVENT, "command": 
 
 
 class CoreRings:
-    """The four rings of one core. Where there is none, reading gives nothing.
+    """The four rings of one core. Without a core, reads return nothing.
 
-    The reader's place is kept in the rings themselves, so that a gateway that takes over from
-    one that was killed goes on with the next sample.
+    The read position is stored in the rings themselves, so that a gateway that replaces a killed
+    one continues with the next sample.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -30,36 +30,36 @@ class CoreRings:
 
     @property
     def attached(self) -> bool:
-        """True while rings are mapped."""
+        """Return True while rings are mapped."""
         return bool(self._rings)
 
     @property
     def run(self) -> int:
-        """Number of the core's run, the same in all its rings; 0: none."""
+        """Return the number of the core's run, the same in all its rings; 0: none."""
         return self._rings["telemetry"].run if self._rings else 0
 
     @property
     def left_over(self) -> bool:
-        """True where the process that made the rings has ended: they are of an earlier run, perhaps
-        of another stage."""
+        """Return True if the process that made the rings has ended: they belong to an earlier run,
+        perhaps of another stage."""
         if not self._rings:
             return False
         try:
             os.kill(int(self._rings["event"].words[PID]), 0)
-        except (ProcessLookupError, OverflowError):  # a damaged number is that of no process
+        except (ProcessLookupError, OverflowError):  # a damaged number belongs to no process
             return True
-        except OSError:  # it is another user's
+        except OSError:  # the process belongs to another user
             return False
         return False
 
     @property
     def damaged(self) -> int:
-        """Records of this run that were dropped because they were damaged."""
+        """Return how many records of this run were dropped because they were damaged."""
         return sum(ring.damaged for ring in self._rings.values())
 
     def refresh(self) -> bool:
-        """Attach where the core has made new rings; True when that happened."""
-        # the core makes its command ring last: when that one is new, all are
+        """Attach if the core has made new rings; return True if it attached."""
+        # the core makes its command ring last: if that one is new, all are
         if self._rings and not self._rings["command"].stale():
             return False
         try:
@@ -79,48 +79,48 @@ class CoreRings:
         return True
 
     def read(self, name: str) -> tuple[NDArray[Any], int]:
-        """(records not read before, number lost before them)."""
+        """Return (records not read before, number of records lost before them)."""
         ring = self._rings.get(name)
         if ring is None:
             return np.zeros(0, LAYOUTS[name]), 0
-        if ring.head == self._tails[name]:  # mostly, for the rings of status and events
+        if ring.head == self._tails[name]:  # the usual case for the status and event rings
             return ring.records[:0], 0
         records, self._tails[name], lost = ring.read(self._tails[name])
         return records, lost
 
     def taken(self, name: str) -> None:
-        """What was read has been passed on; a gateway after this one begins behind it."""
+        """Mark what was read as passed on; a later gateway continues after it."""
         if name in self._rings:
             self._rings[name].taken(self._tails[name])
 
     def before(self, name: str, count: int) -> NDArray[Any]:
-        """Up to `count` records that were read already and are still there."""
+        """Return up to `count` records that were read already and are still there."""
         ring = self._rings.get(name)
         if ring is None:
             return np.zeros(0, LAYOUTS[name])
         tail = ring.head if name == "command" else self._tails[name]
-        # a quarter of the ring is left alone: the writer is about to overwrite it
+        # skip the oldest quarter of the ring, which the writer is about to overwrite
         start = max(0, tail - count, ring.head - 3 * ring.capacity // 4)
         return ring.read(start, max(0, tail - start))[0]
 
     def newest_status(self) -> NDArray[Any]:
-        """(0,) or (1,): the core's last word on itself, read before or not."""
+        """Return the (0,) or (1,) newest status record of the core, read before or not."""
         ring = self._rings.get("status")
         if ring is None:
             return np.zeros(0, STATUS)
         return ring.read(max(0, ring.head - 1))[0][-1:]
 
     def newest_point(self) -> NDArray[Any]:
-        """(0,) or (1,): the last command in the ring, where it is a trajectory point."""
+        """Return the last command in the ring (1,) if it is a trajectory point, else (0,)."""
         last = self.before("command", 1)
         return last[last["kind"] == LoopCommand.POINT]
 
     @property
     def room(self) -> int:
-        """Commands that can be pushed now."""
+        """Return how many commands can be pushed now."""
         return self._rings["command"].free if self._rings else 0
 
     def push(self, commands: NDArray[Any]) -> None:
-        """Pass commands on to the core; there must be room. One thread only."""
+        """Push commands to the core; there must be room. Call from one thread only."""
         if commands.size and self._rings:
             self._rings["command"].push_many(commands)

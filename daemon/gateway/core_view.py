@@ -7,7 +7,7 @@ from dehyst.daemon.rings.records import State
 
 STARTING = "the loop is starting and follows no commands yet"
 RESERVED = 64
-"""Room in the command ring that trajectories leave for a stop."""
+"""Records of the command ring that trajectories leave free for a stop."""
 
 
 @dataclass
@@ -27,11 +27,13 @@ class CoreView:
 
     @property
     def starting(self) -> bool:
-        """The loop has not come to its first sample; while kernels are compiled it is silent."""
+        """Return whether the loop has not reached its first sample; it is silent while kernels are
+        compiled."""
         return self.status_ns == 0 or (self.state is State.START and not self.samples)
 
     def check(self, room: int, records: int = 1) -> None:
-        """NotAdmitted where the loop cannot take so many records. room: of its command ring."""
+        """Raise NotAdmitted if the loop cannot take this many records. room: free records in its
+        command ring."""
         if not self.alive and self.starting:
             raise NotAdmitted("starting", STARTING)
         if not self.alive:
@@ -40,7 +42,7 @@ class CoreView:
             raise NotAdmitted("queue-full", "the loop does not take commands at present")
 
     def check_state(self, room: int, records: int = 1) -> None:
-        """The same, and where it follows no commands in its present state."""
+        """Same as check; also raise NotAdmitted if the loop's state follows no commands."""
         self.check(room, records)
         if self.state is State.START:
             raise NotAdmitted("starting", STARTING)

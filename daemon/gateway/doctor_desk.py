@@ -1,10 +1,11 @@
-"""The doctor's findings in the gateway: published, kept, and what becomes of an offer.
+"""Handles the doctor's findings in the gateway: publishes and keeps them, and carries out offers.
 
-The doctor itself (dehyst.daemon.doctor) is a process without network; the two meet in the folder
-of a case (dehyst.daemon.files.cases). An accepted model is laid into the run folder, and the loop
-is asked to reload: it glides, within range and slew, as with every reload. From then on the model
-is on trial: where its error has not fallen after so much motion, the previous model is restored. An
-offer that is accepted meanwhile waits until the trial is over; of several, the newest.
+The doctor itself (dehyst.daemon.doctor) is a process without network access; the two communicate
+through the folder of a case (dehyst.daemon.files.cases). An accepted model is written to the run
+folder and the loop is asked to reload, which moves the output gradually, within range and slew
+limits. The model is then on trial: if its error has not fallen after a certain amount of motion,
+the previous model is restored. An offer accepted during a trial waits until it is over; of several,
+only the newest waits.
 """
 
 import threading
@@ -32,17 +33,17 @@ from dehyst.models.errors import DehystError, NotNow
 SCAN_S = 0.25
 LONGEST_REPORT, LONGEST_EVENT = 6 << 20, 500
 Report = Callable[[int, str, str], None]
-"""(level, code, text): an event."""
+"""Reports an event: (level, code, text)."""
 OPEN: tuple[DoctorState, ...] = ("found", "waiting")
 AT_WORK: tuple[DoctorState, ...] = ("trial", "accepted")
 ALREADY = {"trial": "on trial"}
-"""States that are no words of a sentence."""
+"""Wording of states whose names do not fit into a sentence."""
 
 
 class DoctorDesk:
-    """`run` is its thread; `decide` and `reports` are called from others.
+    """Manages cases and offers. `run` is its thread; `decide` and `reports` are called from others.
 
-    publish: sends a report's bytes; trial: who puts models to work."""
+    publish: sends a report's bytes; trial: puts models into use."""
 
     def __init__(
         self,
@@ -59,10 +60,10 @@ class DoctorDesk:
         self._wishes: SimpleQueue[tuple[str, str]] = SimpleQueue()
         self._waiting, self._over_ns = "", 0
 
-    # -- asked by others ------------------------------------------------------------------------
+    # -- called from other threads --------------------------------------------------------------
 
     def reports(self) -> DoctorReports:
-        """All that are kept, the newest last."""
+        """Return all reports that are kept, newest last."""
         with self._lock:
             known = [(one, self._scopes.get(name)) for name, one in self._known.items()]
         times = self._times
@@ -75,7 +76,7 @@ class DoctorDesk:
         return self._config.doctor.trial_s, self._trial.limit_s
 
     def page(self, name: str) -> bytes:
-        """The report of a case as HTML; "": the newest. Raises NotNow."""
+        """Return the report of a case as HTML; "": the newest. Raises NotNow."""
         with self._lock:
             names = [n for n, (_, found, _) in self._known.items() if found is not None]
             folder = self._folders.get(name or (names[-1] if names else ""))
@@ -88,7 +89,7 @@ class DoctorDesk:
         raise NotNow("the doctor has written no report, or it is no longer kept")
 
     def decide(self, action: str, offer: int) -> str:
-        """Accept or reject an offer; why not, in words, or "": it is being done."""
+        """Accept or reject an offer; return why not, in words, or "" if it is being done."""
         with self._lock:
             found = [n for n, (case, *_) in self._known.items() if case.number == offer]
             if not found:
@@ -113,17 +114,17 @@ class DoctorDesk:
         if state not in OPEN:
             return f"this offer is already {ALREADY.get(state, state)}"
         if self._trial.on_trial:
-            return ""  # it waits, and is asked again
+            return ""  # the offer waits and is checked again after the trial
         return self._trial.why_not(self._folders[name] / cases.IN_USE)
 
     def progress(self, now_ns: int) -> str:
-        """How far the trial is, in words; "": none is on."""
+        """Describe the progress of the trial in words; "": no trial is running."""
         return self._trial.progress(now_ns)
 
     # -- the thread -----------------------------------------------------------------------------
 
     def run(self, stop: threading.Event) -> None:
-        """Until `stop`."""
+        """Scan for cases and carry out decisions until `stop` is set."""
         self._resume()
         while not stop.wait(SCAN_S):
             self._scan()
@@ -138,17 +139,17 @@ class DoctorDesk:
             self._let_in(clock.monotonic_ns())
 
     def _resume(self) -> None:
-        """Findings of before, and a trial that a gateway before this one has begun."""
+        """Load earlier findings, and resume a trial that an earlier gateway has begun."""
         for folder in cases.case_folders(self._config.watch_directory):
             self._read(folder)
         self._trial.resume()
-        self._over_ns = clock.monotonic_ns()  # the loop may not have been heard yet
+        self._over_ns = clock.monotonic_ns()  # the loop may not have reported yet
         for name in self._known:
             if self._state(name) == "waiting":
                 self._wait(name)
 
     def _wait(self, name: str) -> None:
-        """Until the trial is over; the newest takes the place of one that waits already."""
+        """Let an offer wait until the trial is over; it replaces one that already waits."""
         before, self._waiting = self._waiting, name
         if before and before != name and before in self._known:
             self._decided(before, "found", f"it is no longer waiting: {name} waits in its place")
@@ -159,13 +160,13 @@ class DoctorDesk:
         )
 
     def _let_in(self, now_ns: int) -> None:
-        """The offer that waits, once no trial is on."""
+        """Carry out the waiting offer once no trial is running."""
         if self._trial.on_trial:
             self._over_ns = now_ns
         elif name := self._waiting:
             why = self._why_not(name, self._state(name)) if name in self._known else ""
             if why and now_ns - self._over_ns < TAKEN_S * clock.NS:
-                return  # the loop may be taking the model before back
+                return  # the loop may still be reloading the previous model
             self._waiting = ""
             if why:
                 self._decided(name, "found", f"it was not put into use after waiting: {why}")
@@ -173,7 +174,7 @@ class DoctorDesk:
                 self._carry_out("accept", name)
 
     def _scan(self) -> None:
-        """New cases, new findings."""
+        """Look for new cases and new findings, and forget deleted cases."""
         folders = cases.case_folders(self._config.watch_directory)
         there = {f.name.removesuffix(cases.SUFFIX): f for f in folders}
         with self._lock:
@@ -204,7 +205,7 @@ class DoctorDesk:
         decided = cases.get_record(folder, cases.DECIDED, Decided)
         name = folder.name.removesuffix(cases.SUFFIX)
         if examined is not None and examined.tested is not None and name not in self._scopes:
-            with suppress(DehystError):  # the offer then does not say the reach
+            with suppress(DehystError):  # the offer is then reported without the reach
                 self._scopes[name] = (
                     self._scope_of(folder / cases.IN_USE),
                     self._scope_of(folder / cases.OFFERED),
@@ -213,7 +214,7 @@ class DoctorDesk:
             self._folders[name], self._known[name] = folder, (case, examined, decided)
 
     def _scope_of(self, file: Path) -> Scope:
-        """Of a model on this axis. Raises DehystError."""
+        """Return the reach and rate limit of a model on this axis. Raises DehystError."""
         model = load_model(file)
         low, high = displacement_range(model, *drive_range(self._config, model))
         return Scope((low, high), model.validity.rate_max)
@@ -242,7 +243,7 @@ class DoctorDesk:
             self._wait(name)
         elif action == "accept":
             try:
-                if why := self._why_not(name, state):  # two may have asked at once
+                if why := self._why_not(name, state):  # two clients may have accepted at once
                     raise NotNow(why)
                 case, examined, _ = self._known[name]
                 assert examined is not None
@@ -264,7 +265,7 @@ class DoctorDesk:
             self._decided(name, "rejected", "rejected: the model in use stays")
 
     def _decided(self, name: str, state: DoctorState, text: str) -> None:
-        """Keep, publish and tell what became of an offer."""
+        """Keep, publish and report what became of an offer."""
         decided = Decided(state=state, wall_ns=clock.wall_ns(), because=text)
         try:
             if name in self._folders:
@@ -275,7 +276,7 @@ class DoctorDesk:
             if name in self._known:
                 case, examined, _ = self._known[name]
                 self._known[name] = case, examined, decided
-        if name in self._known:  # else the case was deleted meanwhile: too many newer ones
+        if name in self._known:  # else the case has been deleted to make room for newer ones
             self._say(name)
         self._report(2 if state == "returned" else 1, "doctor", f"{name}: {text}"[:LONGEST_EVENT])
 
@@ -285,5 +286,5 @@ class DoctorDesk:
         self._publish(encoding.encode(report))
 
     def see(self, samples: NDArray[Any]) -> None:
-        """Samples of the loop, in their order, for the trial."""
+        """Pass samples of the loop, in order, to the trial."""
         self._trial.see(samples)

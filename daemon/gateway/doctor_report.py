@@ -1,4 +1,4 @@
-"""One case as the message that clients get."""
+"""Turns a case into the message that clients receive."""
 
 from typing import NamedTuple
 
@@ -9,19 +9,19 @@ from dehyst.daemon.files.cases import Case, Decided, Examined
 
 
 class Scope(NamedTuple):
-    """What a model can do on an axis: reach [displacement unit], largest rate that it knows [drive
-    unit / s], None: not known."""
+    """Limits of a model on an axis: reach [displacement unit] and largest known rate [drive unit /
+    s], None: unknown."""
 
     reach: tuple[float, float]
     rate: float | None
 
 
 Scopes = tuple[Scope, Scope]
-"""Of the model in use, and of the one that is offered."""
+"""Limits of the model in use and of the offered one."""
 
 
 def say_scopes(scopes: Scopes, unit: str) -> str:
-    """What accepting changes of the reach and the rate, in words."""
+    """Describe in words how accepting changes the reach and the rate."""
     (before, fast), (after, faster) = scopes
     text = f"the reach of {before[0]:.4g} to {before[1]:.4g} {unit} becomes "
     text += f"{after[0]:.4g} to {after[1]:.4g} {unit}"
@@ -38,8 +38,8 @@ def describe_report(
     times: tuple[float, float],
     scopes: Scopes | None = None,
 ) -> DoctorReport:
-    """examined: None: the doctor is at work; decided: None: nobody has decided yet; times: of a
-    trial [s], the motion that it wants and its limit; scopes: None: not known."""
+    """Return the report of a case. examined: None: the doctor is still working; decided: None: no
+    decision yet; times: of a trial [s], required motion and time limit; scopes: None: unknown."""
     if examined is None:
         return DoctorReport(
             case=case.name,

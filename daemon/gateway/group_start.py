@@ -1,10 +1,10 @@
-"""The start of a trajectory that several axes play: on all of them, or on none.
+"""Starts a trajectory of several axes on all of them, or on none.
 
-The first chunks come axis by axis. Each is checked as it comes and then kept; nothing of them
-reaches a loop until those of all axes are here and have been checked once more, together. Where one
-is refused, does not come in time, or another command comes before, all are dropped, and who sends
-more of that trajectory gets the reason. Pure, as dehyst.daemon.gateway.admission, whose gates it
-asks: times come in, records go out.
+The first chunks arrive axis by axis. Each is checked on arrival and kept; none reaches a loop until
+those of all axes have arrived and passed a second check together. If one is refused, arrives too
+late, or another command arrives first, all are dropped, and clients that send more of that
+trajectory get the reason. Pure, like dehyst.daemon.gateway.admission, which it uses: takes times as
+arguments and returns records.
 """
 
 from collections import OrderedDict
@@ -19,17 +19,17 @@ from dehyst.daemon.bus.refusal_codes import NotAdmitted
 from dehyst.daemon.gateway.admission import Admission
 
 WAIT_NS = 2_000_000_000
-"""How long the first chunk of an axis waits for those of the others: a client sends them one behind
+"""How long the first chunk of an axis waits for those of the others; a client sends them one after
 the other."""
 MOST_STARTS = 16
-"""As many trajectories are remembered; nothing of an older one has begun."""
+"""How many pending trajectories are remembered; older ones that have not started are forgotten."""
 Records = NDArray[Any]
 Gates = Mapping[str, tuple[Admission, int]]
 
 
 @dataclass
 class _Start:
-    """One trajectory. since_ns: when its first chunk came; why: it was dropped."""
+    """One pending trajectory. since_ns: when its first chunk arrived; why: why it was dropped."""
 
     since_ns: int
     chunks: dict[str, Chunk] = field(default_factory=dict)
@@ -37,7 +37,7 @@ class _Start:
 
 
 class GroupStarts:
-    """The trajectories of several axes that are about to begin."""
+    """Pending starts of trajectories of several axes."""
 
     def __init__(self) -> None:
         self._starts: OrderedDict[tuple[int, int], _Start] = OrderedDict()
@@ -45,8 +45,8 @@ class GroupStarts:
     def handle(
         self, now_ns: int, chunk: Chunk, gates: Gates, asked: str
     ) -> tuple[Reply, dict[str, Records]]:
-        """(answer, COMMAND records by axis). gates: by the axes' names, with the room in each ring;
-        asked: the axis whose key the chunk came to."""
+        """Return (answer, COMMAND records by axis). gates: each axis's admission and the room in
+        its ring, by axis name; asked: the axis to whose key the chunk was sent."""
         gate, room = gates[asked]
         if gate.plays(chunk):
             reply, of_axis = gate.handle(now_ns, chunk, room)
@@ -57,7 +57,7 @@ class GroupStarts:
             return gate.refuse(now_ns, no.code, str(no)), {}
 
     def withdraw(self, records: Mapping[str, Records]) -> None:
-        """What else goes to a loop, a stop above all, ends every start that waits at its axis."""
+        """Drop every pending start on an axis whose loop gets other records, such as a stop."""
         for name, of_axis in records.items():
             for start in self._starts.values():
                 if of_axis.size and name in start.chunks:
@@ -90,7 +90,7 @@ class GroupStarts:
     def _pass_on(
         self, now_ns: int, start: _Start, gates: Gates, asked: str
     ) -> tuple[Reply, dict[str, Records]]:
-        """All are here: once more, could all begin now? Then they do."""
+        """Check the first chunks of all axes once more, and start all axes if all pass."""
         for name, chunk in start.chunks.items():
             gate, room = gates[name]
             try:

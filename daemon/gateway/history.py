@@ -1,4 +1,4 @@
-"""The newest samples, kept by their sequence numbers, for those who missed some."""
+"""Keeps the newest samples by sequence number, for clients that missed some."""
 
 import threading
 from typing import Any
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from dehyst.daemon.rings.records import TELEMETRY
 
 LARGEST = 4_000_000
-"""Most samples that are kept, whatever the configuration asks for (320 MB)."""
+"""Upper limit of the samples kept, whatever the configuration says (320 MB)."""
 
 
 class TelemetryHistory:
     """A circular store of TELEMETRY records; one thread adds, others read.
 
-    capacity: samples kept. Sample number s lies in slot s modulo capacity.
+    capacity: samples kept. Sample number s is in slot s modulo capacity.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -28,13 +28,13 @@ class TelemetryHistory:
         self.first = 0  # oldest number that may be there
 
     def restart(self, run: int) -> None:
-        """Another run of the loop, which counts from 0 again: forget everything."""
+        """Forget everything, as a new run of the loop counts from 0 again."""
         with self._lock:
             self._store["seq"] = -1
             self.run, self.end, self.first = run, 0, 0
 
     def add(self, samples: NDArray[Any]) -> None:
-        """Keep these records; their numbers ascend."""
+        """Store these records, whose sequence numbers ascend."""
         samples = samples[-self.capacity :]
         if not samples.size:
             return
@@ -46,11 +46,11 @@ class TelemetryHistory:
             self.first = max(self.first, self.end - self.capacity)
 
     def newest(self, count: int) -> NDArray[Any]:
-        """Copies of the last `count` samples, fewer where there are no more."""
+        """Return copies of the last `count` samples, or fewer if there are no more."""
         return self.get(self.end - count, self.end)
 
     def get(self, first: int, end: int) -> NDArray[Any]:
-        """Copies of the samples first <= seq < end that are still there, ascending."""
+        """Return copies of the samples first <= seq < end that are still there, ascending."""
         with self._lock:
             numbers = np.arange(max(first, self.first), min(end, self.end))
             out = self._store[numbers % self.capacity]
@@ -58,7 +58,7 @@ class TelemetryHistory:
 
 
 def runs(samples: NDArray[Any], longest: int) -> list[NDArray[Any]]:
-    """The samples cut where a number is missing and after at most `longest`."""
+    """Split the samples where a number is missing, into pieces of at most `longest`."""
     if not samples.size:
         return []
     seq, pieces = samples["seq"], [samples]

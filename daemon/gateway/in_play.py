@@ -1,9 +1,9 @@
-"""The trajectory in play: the reach with which it was admitted, and what another model changes.
+"""Tracks the trajectory in play: the reach at its start, and the effect of a model change.
 
-A trajectory that has begun is not refused because the model, and so the reach, has changed. Points
-that were within the reach when it began are passed on; where they are beyond the reach of now, the
-loop goes to the nearest place and flags it. The file in the run folder lets a gateway that takes
-over from one that was killed know the same.
+A trajectory in progress is not refused because the model, and hence the reach, has changed. Points
+within the reach at its start are passed on; if they are beyond the present reach, the loop goes to
+the nearest position and flags them. A file in the run folder hands this state to a gateway that
+replaces a killed one.
 """
 
 import logging
@@ -25,8 +25,9 @@ REACH_SLACK = 1e-9  # displacement unit: rounding of a target at the end of the 
 
 
 class InPlay(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """low, high: the reach when it began; beyond: points passed on that were outside the reach of
-    their moment, farthest: by how much at most [displacement unit]."""
+    """State of the trajectory in play. low, high: reach at its start; beyond: number of points
+    passed on that were outside the reach at the time; farthest: by how much at most [displacement
+    unit]."""
 
     trajectory: int = 0
     client: int = 0
@@ -36,8 +37,8 @@ class InPlay(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     farthest: float = 0.0
 
     def admits(self, values: NDArray[np.float64], reach: tuple[float, float]) -> float | None:
-        """None: targets (n,) are within the reach of now or of the beginning; else one that is
-        not."""
+        """Return None if targets (n,) are within the present or the initial reach, else a target
+        that is not."""
         low, high = float(np.fmin(self.low, reach[0])), float(np.fmax(self.high, reach[1]))
         least, most = float(values.min()), float(values.max())
         if not least >= low - REACH_SLACK:
@@ -45,7 +46,7 @@ class InPlay(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
         return None if most <= high + REACH_SLACK else most
 
     def count(self, values: NDArray[np.float64], reach: tuple[float, float]) -> bool:
-        """Count the targets (n,) that are beyond the reach of now; True where one is."""
+        """Count the targets (n,) beyond the present reach; return True if there is one."""
         far = np.maximum(reach[0] - values, values - reach[1])
         far = far[far > REACH_SLACK]
         if far.size:
@@ -55,11 +56,12 @@ class InPlay(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
     @classmethod
     def begin(cls, trajectory: int, client: int, reach: tuple[float, float]) -> "InPlay":
-        """A trajectory that begins with this reach."""
+        """Return the state of a trajectory that begins with this reach."""
         return cls(trajectory=trajectory, client=client, low=reach[0], high=reach[1])
 
     def say_beyond(self, reach: tuple[float, float], unit: str) -> str:
-        """How many points are beyond the reach of now, by how much, and what becomes of them."""
+        """Describe how many points are beyond the present reach, by how much, and how they are
+        handled."""
         return (
             f"the model or the trim has changed, and the reach is now {reach[0]:.6g} to "
             f"{reach[1]:.6g} {unit}: {self.beyond} points passed on so far are beyond it, by up to "
@@ -68,7 +70,7 @@ class InPlay(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 def read_in_play(directory: Path) -> InPlay:
-    """What a gateway before this one has left; an empty one where there is nothing to read."""
+    """Read the state that an earlier gateway has written; an empty one if there is none."""
     try:
         return msgspec.json.decode(read_text(directory / FILE, LARGEST_BYTES), type=InPlay)
     except (NotReadable, msgspec.MsgspecError):
@@ -76,7 +78,7 @@ def read_in_play(directory: Path) -> InPlay:
 
 
 def write_in_play(directory: Path, now: InPlay) -> None:
-    """Leave it for a gateway after this one; where that fails, the log says so."""
+    """Write the state for a later gateway; a failure is logged."""
     try:
         write_text(directory / FILE, msgspec.json.encode(now).decode())
     except OSError as error:

@@ -1,4 +1,4 @@
-"""The records by which the gateway commands the loop, in memory."""
+"""Builds the records with which the gateway commands the loop, in memory."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ def make_records(
     value: NDArray[np.float64] | None = None,
     offset_ns: NDArray[np.int64] | None = None,
 ) -> NDArray[np.void]:
-    """One record for each of the (n,) values and offsets; one where there are none."""
+    """Return one COMMAND record per value and offset (n,); a single record if there are none."""
     out = np.zeros(1 if value is None else value.size, COMMAND)
     out["kind"], out["client"], out["trajectory"] = kind, client, trajectory
     if value is not None:
@@ -26,6 +26,6 @@ def make_records(
 
 
 def trust(trusted: bool) -> NDArray[np.void]:
-    """The COMMAND record by which the gateway itself tells the loop whether the mismatch watch
-    trusts stage and gauge."""
+    """Return the COMMAND record that informs the loop whether the mismatch watch trusts stage and
+    gauge."""
     return make_records(LoopCommand.TRUST, 0, value=np.array([float(trusted)]))

@@ -1,9 +1,9 @@
-"""The mismatch watch in the gateway: feeds dehyst.models.mismatch.monitor with telemetry, keeps
-what it saw.
+"""The mismatch watch in the gateway: feeds telemetry to dehyst.models.mismatch.monitor and records
+mismatches.
 
-A thread of its own, so that neither a compile nor a slow disk holds up telemetry. When the stage
-stops behaving as its model, the samples around that moment go into a recording, and an event
-names it and the command that explains it.
+It runs in its own thread, so that neither compilation nor a slow disk delays telemetry. When the
+stage stops behaving like its model, the samples around that moment are saved to a recording, and an
+event names the recording and the command that diagnoses it.
 """
 
 import logging
@@ -32,7 +32,7 @@ WAITING_BATCHES = 4096
 UNUSABLE = Flag.SENSOR_HELD | Flag.SENSOR_INVALID
 STUCK, SILENT = "stuck", "silent"
 LOST, SILENT_S = 0.2, 2
-"""Share of a second's readings that are not valid, and seconds of it: the gauge is silent."""
+"""Share of invalid readings in a second, and number of such seconds, that mark a silent gauge."""
 MEANS = {
     "gain": "its gain or its creep has changed",
     "offset": "its zero has moved",
@@ -46,18 +46,18 @@ MEANS = {
 }
 
 Trust = Callable[[bool], None]
-"""Whether stage and gauge are to be trusted, reported to the loop."""
+"""Reports to the loop whether stage and gauge are to be trusted."""
 Report = Callable[[int, str, str], None]
-"""(level, code, text): an event."""
+"""Reports an event: (level, code, text)."""
 See = Callable[[NDArray[Any]], None]
-"""Samples that were judged, for who follows a model on trial."""
+"""Receives the samples that were judged, to follow a model on trial."""
 
 
 class MismatchWatch:
     """Judges telemetry. `add` is called by the publisher, `run` is its thread.
 
-    health, mismatch, figure: what the status says; the figure is "" while nothing is wrong, health
-    is below 0 while the watch still learns."""
+    health, mismatch, figure: as reported in the status; figure is "" while nothing is wrong, health
+    is below 0 while the watch is still learning."""
 
     def __init__(self, config: Config, history: TelemetryHistory, report: Report) -> None:
         self._config, self._history, self._report = config, history, report
@@ -78,21 +78,21 @@ class MismatchWatch:
         self.health, self.mismatch, self.figure = 0.0, False, ""
 
     def add(self, run: int, samples: NDArray[Any], origin: float, zero: float = 0.0) -> None:
-        """Samples of one run of the loop; marks them where the stage does not follow its model.
-        zero: what `dehyst zero` added to their readings, which is no change of the stage."""
+        """Queue samples of one run of the loop, and flag them during a mismatch. zero: what
+        `dehyst zero` added to their readings, which is not a change of the stage."""
         if self.mismatch:
             samples["flags"] |= int(Flag.MISMATCH)
         if self._config.watch.enabled:
             self._batches.append((run, samples.copy(), origin, zero))
 
     def run(self, stop: threading.Event) -> None:
-        """Until `stop`."""
+        """Judge batches until `stop` is set."""
         while not stop.wait(0.1):
             while self._batches and not stop.is_set():
                 self.judge_next()
 
     def judge_next(self) -> None:
-        """The oldest batch that waits."""
+        """Judge the oldest waiting batch."""
         try:
             self._take(*self._batches.popleft())
         except DehystError as error:
@@ -135,7 +135,7 @@ class MismatchWatch:
             self._keep(origin, int(samples["seq"][-1]))
 
     def _begin(self, run: int) -> None:
-        """Another run of the loop, or another model: what was learned does not count any more."""
+        """Start over for a new run of the loop or a new model, and discard what was learned."""
         path = self._model_used = self.model_path
         if path is None:
             raise BadModel("the loop has not yet reported its model")
@@ -189,7 +189,7 @@ class MismatchWatch:
             self._cases.in_order(seq, watch.motion_s)
 
     def _keep(self, origin: float, end: int) -> None:
-        """Write what the history has from before to after the moment."""
+        """Write a recording from before to after the mismatch, from the history."""
         from dehyst.daemon.files.recorder import Recorder
 
         chosen, config = self._config.watch, self._config

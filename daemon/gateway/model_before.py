@@ -1,5 +1,5 @@
-"""What a model that is not at work would have expected of the readings: led along the voltages that
-were written, sample by sample, as the loop leads the one that it runs."""
+"""Predicts the readings with a model that is not in use: advances it along the written voltages,
+sample by sample, as the loop does with the model that it runs."""
 
 from collections.abc import Callable
 from typing import Any
@@ -14,14 +14,14 @@ from dehyst.models.inverse.compensator import Compensator, CompensatorState
 from dehyst.models.model import Floats, Model
 
 LED_SAMPLES = 20_000
-"""Of the past, as many as the loop leads a model along that it takes."""
+"""Past samples along which a model is advanced first, as many as the loop uses for a new model."""
 Past = Callable[[int, int], NDArray[Any]]
-"""(first, end): the TELEMETRY samples with these numbers that are still kept."""
+"""Takes (first, end); returns the TELEMETRY samples first <= seq < end that are still kept."""
 
 
 class ModelBefore:
-    """The model before the one on trial. Models that follow further channels are not led: what
-    these were is not in the telemetry."""
+    """The model used before the one on trial. Models with further input channels are not advanced,
+    as the telemetry does not contain these inputs."""
 
     def __init__(self, config: Config, model: Model, past: Past) -> None:
         self._gain, self._past = config.actuator.gain, past
@@ -38,7 +38,8 @@ class ModelBefore:
         self._next = -1
 
     def expect(self, samples: NDArray[Any]) -> Floats:
-        """(n,) readings that it expects, from its own origin; NaN where it cannot be led."""
+        """Return the (n,) predicted readings from the model's own origin; NaN where it cannot be
+        advanced."""
         out = np.full(samples.size, np.nan)
         compensator = self._compensator
         if compensator is None or not samples.size:
@@ -55,7 +56,7 @@ class ModelBefore:
         return out
 
     def _begin(self, compensator: Compensator, end: int) -> CompensatorState | None:
-        """Led along the samples before number `end`."""
+        """Return the state after the samples before number `end`; None: there are none."""
         past = self._past(end - LED_SAMPLES, end)["volts"]
         drives = past[np.isfinite(past)] / self._gain
         if not drives.size:

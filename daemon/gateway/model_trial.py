@@ -1,9 +1,9 @@
-"""Puts an accepted model to work and takes it back where its error does not fall.
+"""Puts an accepted model into use, and restores the previous one if the error does not fall.
 
-The loop loads the model by its own reload: led along the past drive, glided in, within range and
-slew. What counts as fallen: dehyst.models.mismatch.trial. A trial has a bound on its time, after
-which it is settled on what was seen. A gateway that begins in the midst of a trial goes on with it
-from what the run folder says, with the same bound.
+The loop loads the model with its own reload: the model is advanced along the past drive, and the
+output moves to it gradually, within range and slew limits. dehyst.models.mismatch.trial decides
+whether the error has fallen. A trial has a time limit, after which it is decided on what was seen.
+A gateway that starts during a trial continues it from the run folder, with the same time limit.
 """
 
 import math
@@ -49,19 +49,20 @@ from dehyst.models.mismatch.trial import (
 from dehyst.models.modelfile import dumps, loads
 
 TAKEN_S = 20.0
-"""A loop that does not run the model by then has refused it."""
+"""A loop that does not run the model after this time [s] has refused it."""
 MOVED_S = 1.0
 USELESS = Flag.SENSOR_INVALID | Flag.SENSOR_HELD | Flag.WRITE_FAILED
-"""No reading that a model can be compared with."""
+"""Flags of samples without a reading to compare a model with."""
 NOT_FOLLOWED = Flag.UNREACHABLE | Flag.SLEW | Flag.RANGE | Flag.APPROACH
-"""The model's error counts; a target that is not met is not the model's fault."""
+"""Flags of samples whose model error counts but whose tracking error does not, as the target was
+not followed for another reason."""
 Over = tuple[str, DoctorState, str]
-"""(case, what became of it, in words)."""
+"""(case, new state, reason in words)."""
 
 
 class ModelTrial:
-    """core: (process of the loop, file of the model that it runs); (0, None): it does not run.
-    past: the samples that are kept."""
+    """Runs the trial of an accepted model. core: returns (process of the loop, file of its model);
+    (0, None): the loop does not run. past: returns samples that are kept."""
 
     def __init__(
         self, config: Config, core: Callable[[], tuple[int, Path | None]], past: Past
@@ -72,25 +73,25 @@ class ModelTrial:
         self._period_s, self._lock = period_s, threading.Lock()
         self._place, self._still_s = math.nan, MOVED_S
         self._target = math.nan  # of the newest sample
-        self._least = 0.0  # way that counts as motion; 0: not known yet
+        self._least = 0.0  # distance that counts as motion; 0: not known yet
         self._skip_s = 0.0
         self._before: ModelBefore | None = None
         self._on_trial: Accepted | None = None
         self._tested: OfferTest | None = None
         self._digest, self._unit = "", ""
-        self._taken = self._was_taken = False  # the loop runs it now, has run it
+        self._taken = self._was_taken = False  # the loop runs the model now; has ever run it
         self._other_ns = 0  # since when the loop has run another model; 0: it does not
         self._end_ns, self._doubt = 0, ""
         self.limit_s = longest_trial_s(config.doctor.trial_s, config.doctor.trial_limit_s)
 
     @property
     def on_trial(self) -> str:
-        """The case whose model is on trial; "": none is."""
+        """Return the case whose model is on trial; "": none."""
         return "" if self._on_trial is None else self._on_trial.case
 
     def why_not(self, made_for: Path) -> str:
-        """Why no model can be put to work now; "": it can. made_for: file of the model that the
-        offer is about."""
+        """Return why no model can be put into use now; "": it can. made_for: file of the model that
+        the offer would replace."""
         _, running = self._core()
         if running is None:
             return "the loop does not run"
@@ -99,7 +100,7 @@ class ModelTrial:
         return ""
 
     def begin(self, name: str, offer: int, folder: Path, tested: OfferTest) -> None:
-        """Lay the offered model before the loop. Raises OSError, DehystError."""
+        """Write the offered model and ask the loop to reload. Raises OSError, DehystError."""
         config = self._config
         text = dumps(load_model(folder / cases.OFFERED))
         before, errors = read_accepted(config.directory), self._errors_now()
@@ -124,12 +125,12 @@ class ModelTrial:
             return self._meter.errors
 
     def resume(self) -> None:
-        """Go on with the trial that a gateway before this one has begun."""
+        """Resume a trial that an earlier gateway has begun."""
         accepted = read_accepted(self._config.directory)
         if accepted is None or not accepted.trial or accepted.tested is None:
             return
         left_s = self.limit_s
-        if accepted.begun_wall_ns:  # a wall clock set back gives it no more than a new one
+        if accepted.begun_wall_ns:  # if the wall clock was set back, no longer than a new trial
             left_s -= max(0.0, (clock.wall_ns() - accepted.begun_wall_ns) / clock.NS)
         self._follow(accepted, accepted.tested, left_s)
 
@@ -145,7 +146,7 @@ class ModelTrial:
         self._tested, self._on_trial = tested, accepted
 
     def look(self, now_ns: int) -> Over | None:
-        """Whether the trial is over; what became of it."""
+        """Return the outcome if the trial is over, else None."""
         trial, tested = self._on_trial, self._tested
         if trial is None or tested is None:
             return None
@@ -160,7 +161,7 @@ class ModelTrial:
         judged = _errors_before(trial), after, promise, self._unit
         verdict = judge_trial(*judged) if full else Verdict("open", "")
         if verdict.outcome == "goes" and not late and not self._doubt:
-            self._doubt = verdict.why  # once more: what the state did not know of the past passes
+            self._doubt = verdict.why  # measure again: errors of the initial state decay
             self._begin_meter()
             return None
         if verdict.outcome == "open" and late:
@@ -180,7 +181,8 @@ class ModelTrial:
         return trial.case, "accepted", why
 
     def _not_running(self, now_ns: int, late: bool) -> str:
-        """Why the loop does not run the model on trial, where it has had the time to; "" else."""
+        """Return why the loop does not run the model on trial although it has had the time, else
+        ""."""
         _, running = self._core()
         if running is not None and running.stem == f"model-{self._digest}":
             self._other_ns = 0
@@ -191,14 +193,14 @@ class ModelTrial:
         self._taken = False  # what it runs now is not judged
         if running is None:
             self._other_ns = 0
-            return "no loop runs it" if late else ""  # it takes it when it starts
+            return "no loop runs it" if late else ""  # the loop loads it when it starts
         self._other_ns = self._other_ns or now_ns
         if not late and now_ns - self._other_ns <= TAKEN_S * clock.NS:
             return ""
         return "the loop runs another model" if self._was_taken else "the loop did not accept it"
 
     def progress(self, now_ns: int) -> str:
-        """How far the trial is, in words; "": none is on."""
+        """Describe the progress of the trial in words; "": no trial is running."""
         trial = self._on_trial
         if trial is None:
             return ""
@@ -219,13 +221,13 @@ class ModelTrial:
         )
 
     def _begin_meter(self) -> None:
-        """Count anew, once the glide to another model is over."""
+        """Restart the error measurement, after the transition to the other model."""
         with self._lock:
             self._meter.clear()
             self._skip_s = TRIAL.settle_s
 
     def go_back(self, name: str, why: str) -> str:
-        """The model before comes back; in words."""
+        """Restore the previous model; return what was done, in words."""
         accepted = read_accepted(self._config.directory)
         self._on_trial = self._before = None
         self._begin_meter()
@@ -242,7 +244,7 @@ class ModelTrial:
         return f"the previous model is restored: {why}"
 
     def see(self, samples: NDArray[Any]) -> None:
-        """Samples (n,) of the loop, in their order."""
+        """Evaluate samples (n,) of the loop, in order."""
         before = self._before
         other = before.expect(samples) if before is not None else np.full(samples.size, np.nan)
         target = np.where(samples["state"] == State.RUNNING, samples["target"], np.nan)
@@ -274,7 +276,7 @@ class ModelTrial:
             self._meter.add(batch)
 
     def _moves(self, predicted: NDArray[np.float64], seconds: float) -> bool:
-        """Whether the stage has moved within MOVED_S, by where the model sees it."""
+        """Return whether the stage has moved within MOVED_S, according to the model."""
         place, way = float(predicted[-1]), float(np.ptp(predicted))
         least = self._least_way()
         if way > least or not abs(place - self._place) <= least:
@@ -284,7 +286,8 @@ class ModelTrial:
         return self._still_s <= MOVED_S
 
     def _least_way(self) -> float:
-        """Of the reach; of the configured model, which is near enough."""
+        """Return the displacement that counts as motion, from the reach of the configured model,
+        which is accurate enough."""
         if not self._least:
             with suppress(DehystError):
                 model = load_model(self._config.model.file)
@@ -293,7 +296,7 @@ class ModelTrial:
         return self._least
 
     def _reload(self) -> None:
-        """Ask the loop. Raises NotNow."""
+        """Ask the loop to reload. Raises NotNow."""
         pid, _ = self._core()
         try:
             if not pid:
@@ -321,7 +324,7 @@ def _kept(value: float) -> float | None:
 
 
 def _errors_before(trial: Accepted) -> Errors:
-    """Of the model before, as they were when the one on trial went to work."""
+    """Return the errors of the previous model when the one on trial was put into use."""
     return Errors(
         _number(trial.model_error),
         _number(trial.tracking_error),
@@ -342,7 +345,7 @@ def _confirmed(accepted: Accepted) -> Accepted:
 
 
 def _before(accepted: Accepted) -> Accepted:
-    """The model that was accepted before this one."""
+    """Return the entry of the model that was accepted before this one."""
     return Accepted(
         offer=0,
         case="an earlier case",

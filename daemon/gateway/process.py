@@ -1,10 +1,9 @@
-"""The gateway process: between the rings and the bus. The loop never waits for it.
+"""The gateway process: connects the rings to the bus. The loop never waits for it.
 
-One for all axes of a controller. Its threads: the publisher (rings to bus, every
-`telemetry.batch_s`), the command intake (clients to command rings), the answers to longer
-questions; for each axis the mismatch watch and the doctor's desk. zenoh's own threads only fill
-their queues. It may be killed and started again at any time: the place where it
-was stands in the rings.
+One gateway serves all axes of a controller. Its threads: the publisher (rings to bus, every
+`telemetry.batch_s`), the command intake (clients to command rings), the answers to queries, and,
+for each axis, the mismatch watch and the doctor's desk. zenoh's own threads only fill their queues.
+It can be killed and restarted at any time, since its read positions are stored in the rings.
 """
 
 import logging
@@ -36,11 +35,11 @@ from dehyst.models.mismatch.monitor import compile_monitor
 log = logging.getLogger(__name__)
 ROUTER_S = 1.0
 SWITCH_S = 0.0005
-"""How long a Python thread keeps the others waiting: a tenth of the default."""
+"""Switch interval of Python's threads [s]: a tenth of the default."""
 
 
 def refuse_older(asked: Asked) -> None:
-    """Answer a client of an older version of the bus in words that it shows."""
+    """Answer a client that uses an older bus version with a message that it displays."""
     asked.refuse(
         f"this daemon (dehyst {__version__}) speaks {VERSION} of the bus; update the client: "
         "pip install --upgrade dehyst"
@@ -49,7 +48,7 @@ def refuse_older(asked: Asked) -> None:
 
 
 class Gateway:
-    """One gateway process. `run()` returns after `end()`: True when nothing went wrong."""
+    """One gateway process. `run()` returns after `end()`, True if nothing went wrong."""
 
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
@@ -57,16 +56,16 @@ class Gateway:
         self._broken = self._ending = False
 
     def end(self) -> None:
-        """Ask for the end; may be called from a signal handler (an Event's lock may not)."""
+        """Request the end; safe in a signal handler (setting an Event, which locks, is not)."""
         self._ending = True
 
     def run(self) -> bool:
-        """Serve until `end()`. Raises DehystError where it cannot begin."""
+        """Serve until `end()`. Raises DehystError if it cannot start."""
         controller, configs, net = self.controller, self.controller.axes, self.controller.bus
         refuse_namesakes(controller)
         if any(config.watch.enabled for config in configs):
-            compile_monitor()  # a thread that compiles would keep the others from answering
-        if self._ending:  # meanwhile: nobody has been served yet
+            compile_monitor()  # compiling in a thread later would block the others
+        if self._ending:  # end() was called during compilation
             return True
         with Bus.serve(net.listen, net.connect, security_of(controller)) as bus:
             served = Served(
@@ -79,9 +78,9 @@ class Gateway:
             axes = [ServedAxis(config, bus, served) for config in configs]
             intake, answers, history = CommandIntake([a.door for a in axes]), Answers(), Answers()
             for axis in axes:
-                axis.publisher.tick(served.started_ns)  # the first question finds an answer
+                axis.publisher.tick(served.started_ns)  # the first query finds a status
                 self._open(bus, axis, intake, answers, history)
-            for axis in axes:  # who sees one of them finds them all
+            for axis in axes:  # announced last: a client that sees one finds them all
                 bus.announce(axis.keys.alive())
                 for alive, questions in axis.keys.older():
                     bus.answer(questions, refuse_older)
@@ -148,8 +147,8 @@ class Gateway:
 
 
 def refuse_namesakes(controller: Controller) -> None:
-    """Raises BadInput where a daemon with the name of one of the axes answers at one of our
-    routers: clients could not tell the two apart. A router that is not up is not asked."""
+    """Raise BadInput if a daemon with the name of one of the axes answers at one of our routers, as
+    clients could not distinguish the two. A router that is down is skipped."""
     net = controller.bus
     credentials = net.auth.credentials if net.auth is not None else ""
     for router in net.connect:
@@ -173,7 +172,8 @@ def _refuse_a_namesake(bus: Bus, axis: Config, router: str) -> None:
 
 
 def security_of(controller: Controller) -> dict[str, Any] | None:
-    """Authentication, and access control unless a router does that; None: loopback only."""
+    """Return the authentication settings, and access control unless a router does that; None:
+    loopback only."""
     bus = controller.bus
     auth, listen = bus.auth, bus.listen
     keys = [Keys(bus.base, axis.name) for axis in controller.axes]
@@ -193,8 +193,8 @@ def security_of(controller: Controller) -> dict[str, Any] | None:
 
 
 def run_gateway(controller: Controller) -> int:
-    """Entry of the gateway process: until SIGTERM or SIGINT; exit code. Raises DehystError where
-    it cannot begin; the next one that can tells of it."""
+    """Run the gateway process until SIGTERM or SIGINT and return its exit code. Raises DehystError
+    if it cannot start; the next gateway that can start reports it."""
     gateway = Gateway(controller)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: gateway.end())

@@ -1,7 +1,7 @@
-"""From the rings to the bus: telemetry, status, events; and the history that clients may ask for.
+"""Publishes telemetry, status and events from the rings on the bus, and keeps the history.
 
 `tick` is called every `telemetry.batch_s` by one thread. Everything that was read is published;
-what the ring had overwritten before is counted, never hidden.
+records that the ring overwrote before they were read are counted.
 """
 
 import math
@@ -36,20 +36,20 @@ from dehyst.daemon.rings.records import State, model_file, name_of
 from dehyst.daemon.rings.status import STATUS, message_values
 
 SILENT_NS = 2_500_000_000
-"""A core that wrote nothing for so long is taken for dead or hanging."""
+"""A core that has written nothing for this long is considered dead or hanging."""
 RUNS = "the loop's process is running"
 GONE = "the loop's process does not respond: it has ended, was killed, or hangs"
 LONGEST_BATCH = 4096
 MEAN_S = 0.1
-"""The reading in the status is a mean over this time: a person reads it, and noise is no news."""
+"""Averaging time of the reading in the status [s], which is meant for people."""
 RECENT_EVENTS = 64
-"""For those who come later and ask."""
+"""Events kept for clients that connect later."""
 
 
 @dataclass(frozen=True)
 class Served:
-    """What the gateway says of itself for every axis. controller: its name; axes: names of all its
-    axes, none where it has one alone; links: (links that are open, links that have ended)."""
+    """What the gateway reports about itself for every axis. controller: its name; axes: names of
+    all its axes, empty for a single unnamed axis; links: returns (open links, ended links)."""
 
     controller: str
     axes: tuple[str, ...]
@@ -59,12 +59,12 @@ class Served:
 
     @property
     def unreachable_s(self) -> float:
-        """From the first start that came to nothing to this one."""
+        """Return the time from the first failed start to this start [s]."""
         return (self.started_ns - self.refused.since_ns) * 1e-9 if self.refused.starts else 0.0
 
 
 class Publisher:
-    """Publishes one core's rings. What it says of unit, reach and model is that core's word."""
+    """Publishes one core's rings. Unit, reach and model are as reported by that core."""
 
     def __init__(
         self,
@@ -116,27 +116,27 @@ class Publisher:
             self._say(now_ns)
 
     def report_later(self, level: int, code: str, text: str) -> None:
-        """An event of another thread."""
+        """Queue an event from another thread."""
         self._waiting.put((level, code, text))
 
     def _core_now(self) -> tuple[int, Path | None]:
-        """(process of the loop, file of its model); (0, None): it does not run."""
+        """Return (process of the loop, file of its model); (0, None): it does not run."""
         alive = self._admission.core.alive
         return (int(self._record["pid"]), self.model_path) if alive else (0, None)
 
     @property
     def unit(self) -> str:
-        """The displacement unit of the core's model; "" before there was a core."""
+        """Return the displacement unit of the core's model; "" before there was a core."""
         return bytes(self._record["unit"]).decode("utf-8", "replace")
 
     @property
     def model_path(self) -> Path | None:
-        """The file of the model that the core runs; None before there was a core."""
+        """Return the file of the model that the core runs; None before there was a core."""
         digest = bytes(self._record["model"]).decode("utf-8", "replace")
         return model_file(self._config.directory, digest) if digest else None
 
     def status(self, now_ns: int) -> Status:
-        """The present status, also for those who ask."""
+        """Return the present status."""
         newest = self.history.newest(max(1, round(MEAN_S * self._config.loop.rate_hz)))
         record = self._record
         if newest.size:
@@ -183,8 +183,8 @@ class Publisher:
         )
 
     def _attached(self, now_ns: int) -> None:
-        """A core, perhaps a new one. Its past fills the history; publishing goes on where the
-        ring says that the gateway before this one had stopped."""
+        """Take over the rings of a core, perhaps a new one. Past samples fill the history;
+        publishing resumes at the position in the ring where the previous gateway stopped."""
         rings = self._rings
         of_another_daemon = self._cores == 0 and rings.left_over
         self._cores += rings.run != self.history.run
@@ -227,7 +227,7 @@ class Publisher:
         if not records.size:
             return False
         self._rings.taken("status")
-        for record in records[-8:]:  # each change of state is reported, also within one tick
+        for record in records[-8:]:  # report each state change, even several within one tick
             self._take_status(record)
             self._say(now_ns)
         return True
@@ -254,7 +254,7 @@ class Publisher:
             self._report(clock.monotonic_ns(), *self._waiting.get())
 
     def _report(self, now_ns: int, level: int, code: str, text: str) -> None:
-        """An event of the gateway's own."""
+        """Publish an event of the gateway itself."""
         event = Event(time_ns=now_ns, wall_ns=clock.wall_ns(), level=level, code=code, text=text)
         self._put_event(event)
 
@@ -267,21 +267,21 @@ class Publisher:
         self._status.put(encoding.encode(self.status(now_ns)))
 
     def summary(self) -> str:
-        """One line for systemctl status."""
+        """Return one line for systemctl status."""
         core = self._admission.core
         state = name_of(State, core.state) if core.alive else "no loop"
         return f"{state}, {self._published} samples published, {self._lost} lost"
 
 
 def mean_reading(measured: NDArray[np.float64]) -> float:
-    """Mean of the valid ones of (n,) readings; NaN where the newest is not valid."""
+    """Return the mean of the valid readings of (n,); NaN if the newest is invalid."""
     if not measured.size or not math.isfinite(measured[-1]):
         return math.nan
     return float(np.mean(measured[np.isfinite(measured)]))
 
 
 def event_message(record: Any) -> Event:
-    """One EVENT record."""
+    """Convert an EVENT record to a message."""
     return Event(
         time_ns=int(record["time_ns"]),
         wall_ns=int(record["wall_ns"]),
@@ -298,7 +298,7 @@ def status_message(
     alive: bool,
     gateway: GatewayStatus,
 ) -> Status:
-    """One STATUS record and what the gateway knows."""
+    """Combine a STATUS record and the gateway's own status into a message."""
     return Status(
         name=name,
         software=__version__,

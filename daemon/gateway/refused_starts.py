@@ -1,8 +1,8 @@
-"""Starts of the gateway that came to nothing, for the status of the one that can begin.
+"""Records failed starts of the gateway, for the status of the next one that starts.
 
-While the gateway cannot have its address nobody can ask it anything. Who starts it again (the
-supervisor, systemd) says so in its own words; each try leaves a note in the run folder, and the
-gateway that can begin tells in its status how long clients could not reach the daemon, and why.
+While the gateway cannot get its address, no client can query it. The supervisor or systemd, which
+restarts it, logs this in its own way; each attempt leaves a note in the run folder, and the next
+gateway that starts reports in its status how long and why clients could not reach the daemon.
 """
 
 from pathlib import Path
@@ -19,8 +19,8 @@ LONGEST_BYTES = 4096
 
 
 class RefusedStarts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """starts: tries in a row that came to nothing; since_ns: monotonic time of the first [ns];
-    because: what the last one said."""
+    """Failed starts in a row. starts: their number; since_ns: monotonic time of the first [ns];
+    because: error message of the last one."""
 
     starts: int = 0
     since_ns: int = 0
@@ -31,7 +31,7 @@ resolve_classes(RefusedStarts)
 
 
 def read_refused_starts(folder: Path) -> RefusedStarts:
-    """The note in a run folder; none where there is none, or none that can be read."""
+    """Read the note in a run folder; return an empty one if there is none or it is unreadable."""
     try:
         with (folder / FILE).open("rb") as file:
             return msgspec.json.decode(file.read(LONGEST_BYTES), type=RefusedStarts)
@@ -40,7 +40,7 @@ def read_refused_starts(folder: Path) -> RefusedStarts:
 
 
 def add(folder: Path, because: str) -> None:
-    """One more try that came to nothing. A folder that takes no file costs the note alone."""
+    """Note one more failed start. If the file cannot be written, only the note is lost."""
     before, now_ns = read_refused_starts(folder), clock.monotonic_ns()
     since_ns = before.since_ns if 0 < before.since_ns <= now_ns else now_ns
     note = RefusedStarts(before.starts + 1, since_ns, because[:500])
@@ -51,7 +51,7 @@ def add(folder: Path, because: str) -> None:
 
 
 def take_refusals(folder: Path) -> RefusedStarts:
-    """The note, and it is taken away: the gateway has begun."""
+    """Return the note and delete it, as the gateway has started."""
     note = read_refused_starts(folder)
     try:
         (folder / FILE).unlink(missing_ok=True)

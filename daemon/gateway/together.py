@@ -1,6 +1,7 @@
-"""Requests for several axes of one controller at once: a lease of all or of none, a stop of all.
+"""Handles requests for several axes of one controller: a lease of all or none, a stop of all.
 
-Pure, as dehyst.daemon.gateway.admission, whose gates it asks: times come in, records go out.
+Pure, like dehyst.daemon.gateway.admission, which it uses: takes times as arguments and returns
+records.
 """
 
 from collections.abc import Mapping
@@ -20,11 +21,11 @@ Records = NDArray[Any]
 def handle_together(
     now_ns: int, request: Request, gates: Mapping[str, tuple[Admission, int]], asked: str
 ) -> tuple[Reply, dict[str, Records]]:
-    """(answer, COMMAND records by axis). gates: by the axes' names, with the room in each ring;
-    asked: the axis whose key the request came to.
+    """Return (answer, COMMAND records by axis). gates: each axis's admission and the room in its
+    ring, by axis name; asked: the axis to whose key the request was sent.
 
-    A lease that one axis refuses is given for none, and what was held is held as before. A stop
-    reaches every axis that it can reach; where one cannot be stopped, the answer says so.
+    If one axis refuses a lease, none is given and existing leases remain unchanged. A stop is
+    passed to every axis that can take it; if one cannot be stopped, the answer says so.
     """
     first, _ = gates[asked]
     strangers = [name for name in request.axes if name not in gates]

@@ -1,4 +1,4 @@
-"""A trajectory as its chunks arrive: which points are new and in order, and how much lies ahead."""
+"""Follows a trajectory as its chunks arrive: new points, their order, and how much is ahead."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ COMPLETE = "it is complete"
 
 
 class NewPoints(NamedTuple):
-    """(n,) each: times from the trajectory's beginning [ns], targets, learned corrections."""
+    """New points, (n,) each: times from the trajectory's start [ns], targets, corrections."""
 
     offsets: Offsets
     values: Values
@@ -29,18 +29,18 @@ class NewPoints(NamedTuple):
 
 @dataclass
 class TrajectoryProgress:
-    """The one that is played, as far as it was passed on."""
+    """The trajectory being played, as far as it was passed on."""
 
     number: int = 0
     client: int = 0
-    next_index: int = -1  # -1: not known, this gateway started in its midst
+    next_index: int = -1  # -1: unknown, as this gateway started during the trajectory
     end_ns: int = -1  # offset of the newest point passed on
-    over: str = ""  # why nothing further is taken
-    refused: bool = False  # a refusal that is final was reported
+    over: str = ""  # why no further points are accepted
+    refused: bool = False  # a final refusal was reported
 
     @classmethod
     def resumed(cls, newest: NDArray[np.void]) -> "TrajectoryProgress":
-        """As a gateway before this one has passed it on. newest: (0,) or (1,) POINT records."""
+        """Return the progress made by an earlier gateway. newest: (0,) or (1,) POINT records."""
         if not newest.size:
             return cls()
         point = newest[-1]
@@ -52,11 +52,11 @@ class TrajectoryProgress:
         )
 
     def is_of(self, command: Chunk) -> bool:
-        """Whether the chunk belongs to it."""
+        """Return whether the chunk belongs to this trajectory."""
         return (self.number, self.client) == (command.trajectory, command.client)
 
     def continued(self, command: Chunk) -> "TrajectoryProgress":
-        """The trajectory of the chunk; a new one where chunk 0 begins it. Raises NotAdmitted."""
+        """Return the chunk's trajectory; a new one if chunk 0 starts it. Raises NotAdmitted."""
         if command.trajectory == 0:
             raise NotAdmitted("order", "0 is not a trajectory's number")
         if self.is_of(command):
@@ -68,8 +68,8 @@ class TrajectoryProgress:
         )
 
     def new_points(self, command: Chunk) -> NewPoints | None:
-        """Those of a chunk of this trajectory that were not passed on; None: all were. Raises
-        NotAdmitted where it is over, or the chunk or its times are out of order."""
+        """Return the points of a chunk that were not passed on yet; None: all were. Raises
+        NotAdmitted if the trajectory is over, or the chunk or its times are out of order."""
         offsets, values = encoding.points(command)
         learned = encoding.corrections(command)
         passed_on = 0 <= command.index < self.next_index
@@ -85,7 +85,7 @@ class TrajectoryProgress:
             raise NotAdmitted(
                 "order", "the times of a chunk must be positive and strictly increase"
             )
-        if self.next_index < 0:  # what a gateway before this one has passed on is not sent twice
+        if self.next_index < 0:  # do not send points twice that an earlier gateway passed on
             fresh = offsets > self.end_ns
             offsets, values, learned = offsets[fresh], values[fresh], learned[fresh]
             if not offsets.size:
@@ -96,11 +96,11 @@ class TrajectoryProgress:
         return NewPoints(offsets, values, learned)
 
     def span_ns(self, offsets: Offsets) -> int:
-        """How much longer it is with these points."""
+        """Return by how much these points extend the trajectory [ns]."""
         return int(offsets[-1]) - (self.end_ns if self.end_ns >= 0 else int(offsets[0]))
 
     def check_dense(self, offsets: Offsets, period_ns: int) -> None:
-        """Raise NotAdmitted where the points are closer than the loop's period."""
+        """Raise NotAdmitted if the points are spaced more closely than the loop's period."""
         span_ns, gaps = self.span_ns(offsets), offsets.size - (self.end_ns < 0)
         if span_ns < 0.7 * gaps * period_ns:
             raise NotAdmitted(
@@ -111,35 +111,35 @@ class TrajectoryProgress:
             )
 
     def pass_on(self, command: Chunk, offsets: Offsets) -> None:
-        """These points of the chunk go to the loop."""
+        """Record that these points of the chunk go to the loop."""
         self.next_index, self.end_ns = command.index + 1, int(offsets[-1])
         self.over = COMPLETE if command.last else ""
 
 
 class PassedOn:
-    """How much trajectory lies ahead of the loop. most_s: that is accepted."""
+    """Tracks how much trajectory is ahead of the loop. most_s: how much is accepted [s]."""
 
     def __init__(self, most_s: float) -> None:
         self.most_s = most_s
         self._passed: deque[tuple[int, float]] = deque()  # (when, seconds of trajectory)
 
     def clear(self) -> None:
-        """What was passed on is withdrawn."""
+        """Forget what was passed on, as it is withdrawn."""
         self._passed.clear()
 
     def add(self, now_ns: int, span_s: float) -> None:
-        """So much was passed on now."""
+        """Record that `span_s` of trajectory was passed on now."""
         self._passed.append((now_ns, span_s))
 
     def ahead_s(self, now_ns: int, core: CoreView) -> float:
-        """At most: the loop's own last word and what was passed on since."""
+        """Return an upper limit [s]: the loop's last report plus what was passed on since."""
         while self._passed and self._passed[0][0] < core.status_ns - 2 * core.period_ns:
             self._passed.popleft()
         drained = (now_ns - core.status_ns) * 1e-9 if core.state is State.RUNNING else 0.0
         return max(0.0, core.queue_s - drained) + sum(s for _, s in self._passed)
 
     def check_room(self, ahead_s: float, span_s: float) -> None:
-        """Raise NotAdmitted where a chunk of this length is too long, or is too early."""
+        """Raise NotAdmitted if a chunk of this length is too long or too early."""
         if span_s > self.most_s:
             raise NotAdmitted(
                 "span",
