@@ -1,2 +1,1 @@
-"""The bus: messages, topics, keys, who may do what. The only place that imports zenoh and
-msgpack."""
+"""The bus: messages, topics, keys, access control. Only this package imports zenoh and msgpack."""

@@ -1,9 +1,9 @@
-"""zenoh in a process that was forked from one that had used it.
+"""Makes zenoh usable in a process that was forked from one that had used it.
 
-zenoh's threads do not exist in the child, and its library waits for them for ever: a session opened
-there never returns. What was made before the fork is therefore left untouched in the child, also
-when the child ends, and the library is loaded once more, from a copy in memory: the dynamic linker
-takes another file for another library, with threads of its own.
+zenoh's threads do not exist in the child, and the library waits for them forever: opening a session
+there never returns. Objects made before the fork are therefore left untouched in the child, even
+when the child ends, and the library is loaded again from a copy in memory: the dynamic linker
+treats another file as another library, with its own threads.
 """
 
 import ctypes
@@ -21,7 +21,7 @@ NATIVE = "zenoh.zenoh"
 
 
 class LibrarySession(Protocol):
-    """What holds objects of the library."""
+    """Something that holds objects of the library."""
 
     def of_the_library(self) -> list[Any]: ...
 
@@ -31,13 +31,13 @@ _stale = False
 
 
 def keep_from_children(session: LibrarySession) -> None:
-    """Leave this one's objects alone in a child."""
+    """Leave this session's objects untouched in a forked child."""
     _sessions.add(session)
 
 
 def usable_library(present: ModuleType) -> ModuleType:
-    """The library as this process can use it: the one that is loaded, or after a fork a fresh
-    one. Raises OSError where there is no memory for it."""
+    """Return the library that this process can use: the loaded one, or a fresh copy after a fork.
+    Raises OSError if there is no memory for it."""
     global _stale
     if not _stale:
         return present
@@ -53,7 +53,7 @@ def usable_library(present: ModuleType) -> ModuleType:
             fresh = importlib.import_module("zenoh")
         finally:
             sys.meta_path.remove(finder)
-    sys.modules[NATIVE].__file__ = native  # where the next copy comes from
+    sys.modules[NATIVE].__file__ = native  # source of the next copy
     _stale = False
     return fresh
 
@@ -67,7 +67,7 @@ class _Finder:
     def find_spec(
         self, name: str, path: object = None, target: object = None
     ) -> importlib.machinery.ModuleSpec | None:
-        """The copy, where the native part is looked for."""
+        """Return the copy's spec if the native part is requested."""
         if name != NATIVE:
             return None
         loader = importlib.machinery.ExtensionFileLoader(name, self.path)

@@ -1,8 +1,8 @@
 """A small certificate authority for one installation: controller and clients, for mutual TLS.
 
-Elliptic-curve keys (P-256), one authority, one certificate for the controller (its addresses in
-the subject alternative names) and one for each client (its name as the common name, which is what
-the daemon's roles go by). The library does the cryptography; here is only what goes into each.
+It uses elliptic-curve keys (P-256): one authority, one certificate for the controller (its
+addresses in the subject alternative names) and one per client (its name as the common name, by
+which the daemon assigns roles). The library does the cryptography; this module sets the contents.
 """
 
 import datetime
@@ -24,7 +24,7 @@ _PRIVATE, _PUBLIC = 0o600, 0o644
 
 
 def write_new_file(path: Path, data: bytes, mode: int) -> None:
-    """A new file with this mode from its first byte on. BadInput where it exists already."""
+    """Create a file with this mode from the start. Raises BadInput if it exists already."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | system.CLOSE_ON_EXEC, mode)
@@ -38,7 +38,7 @@ class Authority:
     """The installation's own certificate authority; its key stays in `folder`/authority."""
 
     def __init__(self, folder: Path, days: int) -> None:
-        """Load the authority, or make it."""
+        """Load the authority, or create it. Raises BadInput if it cannot be used."""
         self._days = days
         home = folder / "authority"
         if not (home / KEY).exists():
@@ -61,8 +61,8 @@ class Authority:
         self._key = loaded
 
     def issue(self, folder: Path, name: str, hosts: Sequence[str] = ()) -> None:
-        """ca.pem, certificate.pem and key.pem into `folder`. hosts: addresses of a controller;
-        none: a client. BadInput where the folder holds a key already."""
+        """Write ca.pem, certificate.pem and key.pem to `folder`. hosts: addresses of a controller;
+        empty: a client. Raises BadInput if the folder already holds a key."""
         key = ec.generate_private_key(ec.SECP256R1())
         subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
         builder = _builder(subject, self._certificate.subject, key.public_key(), self._days)

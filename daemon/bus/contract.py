@@ -1,10 +1,10 @@
-"""The contract of the bus for other languages: JSON Schema of every message, made from the classes.
+"""Generates the bus contract for other languages: a JSON Schema per message, from the classes.
 
     python -m dehyst.daemon.bus.contract docs/schemas
 
-writes one file for each message. Meanings are the sentences below each field in messages.py; a
-field of bytes says what numbers it holds. `tests/daemon/bus/test_contract.py` fails where the
-files are not what this writes.
+writes one file per message. Descriptions are the sentences below each field in messages.py; bytes
+fields state which numbers they hold. `tests/daemon/bus/test_contract.py` fails if the files are out
+of date.
 """
 
 import ast
@@ -36,18 +36,18 @@ MESSAGES: tuple[type[msgspec.Struct], ...] = (
     messages.TelemetryBatch,
     messages.Status,
 )
-"""Everything that travels, by its own name."""
+"""Every message that is sent on its own."""
 NUMBERS = {
     **{n: TELEMETRY[n].newbyteorder("<").str for n in TELEMETRY.names or ()},
     "offset_ns": "<i8",
     "value": "<f8",
     "correction": "<f8",
 }
-"""Of each field of bytes: what its numbers are, as numpy writes it (little-endian)."""
+"""Number type of each bytes field, in numpy's notation (little-endian)."""
 
 
 def _listed(kind: type[IntEnum] | type[IntFlag]) -> str:
-    """The numbers of an enumeration and their names."""
+    """List the numbers of an enumeration and their names."""
     return ", ".join(f"{one.value} {name_of(kind, one.value)}" for one in kind)
 
 
@@ -143,7 +143,7 @@ COMMON = {
     "GatewayStatus.lease_left_s": "Until the lease ends, unless it is renewed.",
     "GatewayStatus.restarts_of_core": "Number of restarts of the loop.",
 }
-"""Meanings of fields that have no sentence below them: by field, or by class and field."""
+"""Descriptions of fields without a sentence below them: by field, or by class and field."""
 WORDS = {
     "<i8": "int64", "<u8": "uint64", "<u4": "uint32", "<u2": "uint16", "<i4": "int32",
     "<f8": "float64", "<f4": "float32", "|u1": "uint8", "<u1": "uint8",
@@ -152,7 +152,8 @@ WORDS = {
 
 @cache
 def meanings() -> dict[str, dict[str, str]]:
-    """By class and field: the sentence below it; by class and "": what the class is."""
+    """Return the sentence below each field by class and field; by class and "" the class's own
+    docstring."""
     found: dict[str, dict[str, str]] = {}
     for module in (messages, status):
         for node in ast.parse(inspect.getsource(module)).body:
@@ -168,12 +169,12 @@ def meanings() -> dict[str, dict[str, str]]:
 
 
 def name_of_message(kind: type[msgspec.Struct]) -> str:
-    """The `schema` that names it on the wire."""
+    """Return the `schema` that names the message on the wire."""
     return str(kind.__struct_config__.tag)
 
 
 def meaning_of(kind: type[msgspec.Struct], field: str) -> str:
-    """The sentence below a field of this class or of the class that it comes from."""
+    """Return the description of a field, from this class or the class that it is inherited from."""
     if text := COMMON.get(f"{kind.__name__}.{field}"):
         return text
     for one in kind.__mro__:
@@ -183,7 +184,7 @@ def meaning_of(kind: type[msgspec.Struct], field: str) -> str:
 
 
 def schema_of(kind: type[msgspec.Struct]) -> dict[str, Any]:
-    """The JSON Schema of one message, whole in itself. Fields of bytes are msgpack `bin`."""
+    """Return the self-contained JSON Schema of one message. Bytes fields are msgpack `bin`."""
     (root,), parts = msgspec.json.schema_components((kind,), ref_template="#/$defs/{name}")
     own = parts.pop(root["$ref"].rsplit("/", 1)[-1])
     _explain(own, kind)
@@ -199,9 +200,9 @@ def schema_of(kind: type[msgspec.Struct]) -> dict[str, Any]:
 
 
 def _explain(schema: dict[str, Any], kind: type[msgspec.Struct]) -> None:
-    """Add meanings, and what bytes hold; unknown fields are allowed."""
+    """Add descriptions and the contents of bytes fields; unknown fields are allowed."""
     schema["description"] = " ".join((inspect.getdoc(kind) or "").split())
-    if "schema" in schema["properties"]:  # both are on every message, whatever has a default
+    if "schema" in schema["properties"]:  # every message carries both, even if they have defaults
         schema["required"] = sorted({*schema.get("required", ()), "schema", "version"})
     for name, field in schema["properties"].items():
         if field.get("contentEncoding") == "base64":
@@ -211,20 +212,20 @@ def _explain(schema: dict[str, Any], kind: type[msgspec.Struct]) -> None:
                 f"msgpack bin: {number}, little-endian, one for each sample or point"
             )
         elif field.get("default") != field.get("default"):
-            del field["default"]  # NaN, which JSON does not have
+            del field["default"]  # NaN, which JSON cannot represent
         if text := meaning_of(kind, name):
             field["description"] = text
 
 
 def schemas() -> dict[str, dict[str, Any]]:
-    """Every schema by the name of its message."""
+    """Return every schema by the name of its message."""
     plain = {name_of_message(kind): schema_of(kind) for kind in MESSAGES}
     found: dict[str, dict[str, Any]] = json.loads(json.dumps(plain))  # tuples become lists
     return found
 
 
 def write_schemas(folder: Path) -> list[Path]:
-    """Write them; their paths."""
+    """Write the schemas and return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for name, schema in schemas().items():

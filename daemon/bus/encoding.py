@@ -1,11 +1,11 @@
-"""Messages to bytes and back: msgpack for the bytes, msgspec for the checks, strict both ways.
+"""Converts messages to bytes and back, with msgpack as the format and strict checks by msgspec.
 
-A field that is missing, unknown, of another type or out of bounds, a payload that is too long,
-and anything that is not msgpack at all is BadMessage with the reason. Nothing is ever unpickled,
-and no length that a message claims is believed before it was checked.
+A field that is missing, of another type or out of bounds, a payload that is too long, and anything
+that is not msgpack raises BadMessage with the reason; unknown fields are ignored. Nothing is ever
+unpickled, and no length stated in a message is used before it has been checked.
 
-Samples travel in batches, one `bin` field a column: raw little-endian numbers, times as int64
-nanoseconds. Any language with a msgpack reader can take them apart.
+Samples are sent in batches, one `bin` field per column: raw little-endian numbers, times as int64
+nanoseconds. Any language with a msgpack reader can decode them.
 """
 
 from typing import Any, TypeVar
@@ -44,11 +44,11 @@ _prepare(Message)
 
 
 class BadMessage(BadInput):
-    """A payload that is not a message of this version; the text says what is wrong with it."""
+    """A payload that is not a message of this version; the text states what is wrong with it."""
 
 
 def encode(message: msgspec.Struct) -> bytes:
-    """The payload of a message."""
+    """Return the payload of a message."""
     plain = msgspec.to_builtins(message, builtin_types=(bytes,))
     return bytes(msgpack.packb(plain, use_bin_type=True))
 
@@ -58,7 +58,7 @@ def _decode(kind: Any, payload: bytes, limit: int) -> Any:
         raise BadMessage(f"{len(payload)} bytes; a message has at most {limit}")
     try:
         plain = msgpack.unpackb(payload, raw=False, strict_map_key=True)
-        # msgspec takes a map without them for the class that is asked for
+        # msgspec would accept a map without them as the expected class
         if isinstance(plain, dict) and not plain.keys() >= {"schema", "version"}:
             raise ValueError("`schema` and `version` must be named")
         return msgspec.convert(plain, kind, strict=True, builtin_types=(bytes,))
@@ -74,7 +74,7 @@ def _decode(kind: Any, payload: bytes, limit: int) -> Any:
 
 
 def decode_command(payload: bytes) -> Command:
-    """Setpoint, Chunk or Request. Raises BadMessage."""
+    """Decode a Setpoint, Chunk or Request. Raises BadMessage."""
     command: Command = _decode(Command, payload, MAX_COMMAND_BYTES)
     if isinstance(command, Chunk):
         points(command)
@@ -82,13 +82,13 @@ def decode_command(payload: bytes) -> Command:
 
 
 def decode(kind: type[T], payload: bytes) -> T:
-    """A message of one class. Raises BadMessage."""
+    """Decode a message of one class. Raises BadMessage."""
     message: T = _decode(kind, payload, MAX_BATCH_BYTES)
     return message
 
 
 def points(chunk: Chunk) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """(offset_ns, value) of a chunk, both (n,). Raises BadMessage where they do not match."""
+    """Return (offset_ns, value) of a chunk, both (n,). Raises BadMessage if they do not match."""
     size = len(chunk.value)
     if size != len(chunk.offset_ns) or size % 8 or not size:
         raise BadMessage("offset_ns and value must hold the same number of 8-byte numbers")
@@ -98,7 +98,7 @@ def points(chunk: Chunk) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
 
 
 def corrections(chunk: Chunk) -> NDArray[np.float64]:
-    """(n,) learned corrections of a chunk's points, zeros where it has none."""
+    """Return the (n,) learned corrections of a chunk's points, zeros if it has none."""
     if not chunk.correction:
         return np.zeros(len(chunk.value) // 8)
     return np.frombuffer(chunk.correction, "<f8")
@@ -108,7 +108,7 @@ _COLUMNS = [name for name in TELEMETRY.names or () if name != "seq"]
 
 
 def batch(samples: NDArray[Any], run: int, unit: str, wall_offset_ns: int) -> TelemetryBatch:
-    """A batch of TELEMETRY records whose sequence numbers follow one another."""
+    """Return a batch of TELEMETRY records, whose sequence numbers must be consecutive."""
     columns: dict[str, Any] = {
         name: np.ascontiguousarray(samples[name]).tobytes() for name in _COLUMNS
     }
@@ -124,7 +124,7 @@ def batch(samples: NDArray[Any], run: int, unit: str, wall_offset_ns: int) -> Te
 
 
 def samples(message: TelemetryBatch) -> NDArray[Any]:
-    """(count,) TELEMETRY records. Raises BadMessage where a column has another length."""
+    """Return (count,) TELEMETRY records. Raises BadMessage if a column has another length."""
     out = np.empty(message.count, TELEMETRY)
     out["seq"] = np.arange(message.first_seq, message.first_seq + message.count)
     for name in _COLUMNS:

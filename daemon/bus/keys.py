@@ -1,13 +1,13 @@
-"""Key expressions on the bus: built and parsed here only.
+"""Builds and parses the key expressions of the bus; no other module does.
 
     {base}/@v1/{name}/pubsub/{subject}/{source}   published: telemetry, status, set-points ...
     {base}/@v1/{name}/rpc/{method}                asked and answered: commands, model, history ...
     {base}/@v1/{name}/alive                       liveliness token of a running gateway
 
-`name` is the controller; `source` is who publishes (the daemon, or a client's number). The
-grammar follows keelson's. `@v1` is the version of the grammar and of the messages: zenoh matches
-a chunk that begins with @ only verbatim, so `dehyst/**` sees nothing of it and a subscriber has to
-name the version that it understands.
+`name` is the controller; `source` is the publisher (the daemon, or a client's number). The grammar
+follows keelson's. `@v1` is the version of the grammar and of the messages: zenoh matches a chunk
+that begins with @ only verbatim, so `dehyst/**` does not match it and a subscriber must name the
+version that it understands.
 """
 
 import re
@@ -17,10 +17,10 @@ from dehyst.models.errors import BadInput
 
 VERSION = "@v1"
 OLDER = ("@v0",)
-"""Versions that are answered with words alone. @v0 is that of dehyst 0.1.0, whose readers refuse
-fields that they do not know."""
+"""Versions that are answered only with a message. @v0 belongs to dehyst 0.1.0, whose readers refuse
+unknown fields."""
 DAEMON = "daemon"
-"""Source of everything that the daemon itself publishes."""
+"""The `source` of everything that the daemon itself publishes."""
 
 _CHUNK = re.compile(r"[a-z0-9_-]{1,63}")
 _METHODS = ("command", "status", "model", "configuration", "history", "events", "doctor", "report")
@@ -28,8 +28,8 @@ _METHODS = ("command", "status", "model", "configuration", "history", "events", 
 
 @dataclass(frozen=True)
 class ParsedKey:
-    """One parsed key. space: "pubsub", "rpc" or "alive"; subject and source are "" where the
-    space has none (for rpc, subject is the method)."""
+    """One parsed key. space: "pubsub", "rpc" or "alive"; subject and source are "" if the space has
+    none (for rpc, subject is the method)."""
 
     name: str
     space: str
@@ -52,35 +52,35 @@ class Keys:
 
     @property
     def root(self) -> str:
-        """Everything of this controller is below this."""
+        """Return the prefix of all keys of this controller."""
         return f"{self.base}/{VERSION}/{self.name}"
 
     def pubsub(self, subject: str, source: str = DAEMON) -> str:
-        """Key of a published subject; "*" as source: from anybody."""
+        """Return the key of a published subject; "*" as source: from any publisher."""
         return f"{self.root}/pubsub/{_check(subject, 'a subject')}/{_wild(source)}"
 
     def setpoints(self) -> str:
-        """Key expression of set-points in every unit from every client."""
+        """Return the key expression of set-points in every unit from every client."""
         return f"{self.root}/pubsub/setpoint_$*/*"
 
     def rpc(self, method: str) -> str:
-        """Key of a method; "*": all of them."""
+        """Return the key of a method; "*": all of them."""
         if method != "*" and method not in _METHODS:
             raise BadInput(f"rpc {method!r}: the methods are {', '.join(_METHODS)}")
         return f"{self.root}/rpc/{method}"
 
     def alive(self) -> str:
-        """Key of the liveliness token."""
+        """Return the key of the liveliness token."""
         return f"{self.root}/alive"
 
     def older(self) -> list[tuple[str, str]]:
-        """(liveliness token, key expression of every question) of this controller, by each older
-        version."""
+        """Return (liveliness token, key expression of all queries) of this controller for each
+        older version."""
         roots = [f"{self.base}/{version}/{self.name}" for version in OLDER]
         return [(f"{root}/alive", f"{root}/rpc/*") for root in roots]
 
     def parse(self, key: str) -> ParsedKey:
-        """The parts of a key under the same base. Raises BadInput for anything else."""
+        """Return the parts of a key under the same base. Raises BadInput for anything else."""
         prefix = f"{self.base}/{VERSION}/"
         if not key.startswith(prefix) or len(key) > 500:
             raise BadInput(f"key {key[:80]!r}: does not begin with {prefix}")

@@ -1,18 +1,18 @@
-"""Why a command is refused: one table of the codes, in words, and which of them ask for time."""
+"""Table of the refusal codes: their meanings in words, and which of them are temporary."""
 
 from typing import NamedTuple
 
 
 class RefusalCode(NamedTuple):
-    """says: in words; waits: the same command may be admitted later, so a client repeats it;
-    otherwise the refusal is final."""
+    """A refusal code. says: its meaning in words; waits: the same command may be admitted later, so
+    clients repeat it; otherwise the refusal is final."""
 
     says: str
     waits: bool = False
 
 
 class NotAdmitted(Exception):
-    """A command that is not admitted. code: a key of CODES; the text is for the client."""
+    """Raised for a command that is refused. code: a key of CODES; the text is for the client."""
 
     def __init__(self, code: str, text: str) -> None:
         super().__init__(text)

@@ -1,14 +1,14 @@
-"""Who may connect and what each may do, as settings of the daemon's own zenoh session.
+"""Authentication and access control, as settings of the daemon's own zenoh session.
 
-Loopback only: no authentication is asked for. Beyond loopback it must be configured ([bus.auth]):
-either user and password, or certificates (mutual TLS). Everything is denied but what the two
+On loopback, no authentication is required. Beyond loopback it must be configured ([bus.auth]):
+either user and password, or certificates (mutual TLS). Everything is denied except what the two
 roles need. Observers: telemetry, status, events, model, configuration, history. Operators: the
-same, and commands. These rules hold in the daemon's process.
+same, plus commands. The daemon's process enforces these rules.
 
-Behind a router all clients come over one link, on which the daemon cannot distinguish them. Then
-the router asks for credentials and enforces the roles (docs/examples/router-secured.json5 by
-certificate, router-passwords.json5 by user name), and the daemon has credentials of its own and
-listens on nothing.
+If clients connect through a router, they all share one link, on which the daemon cannot distinguish
+them. The router then checks credentials and enforces the roles (docs/examples/router-secured.json5
+by certificate, router-passwords.json5 by user name); the daemon has credentials of its own and
+does not listen on any address.
 """
 
 import ipaddress
@@ -34,7 +34,7 @@ QUESTIONS = ("status", "model", "configuration", "history", "events", "doctor", 
 
 
 def check_address(endpoint: str, what: str) -> None:
-    """BadInput where this is not an address that a session could use."""
+    """Raise BadInput if this is not an address that a session could use."""
     protocol, slash, rest = endpoint.partition("/")
     address = rest.partition("?")[0].partition("#")[0]
     if slash and protocol.startswith("unix") and address:
@@ -49,7 +49,7 @@ def check_address(endpoint: str, what: str) -> None:
 
 
 def is_loopback(endpoint: str) -> bool:
-    """True for a zenoh endpoint that only this machine can reach."""
+    """Return True for a zenoh endpoint that only this machine can reach."""
     protocol, _, address = endpoint.partition("/")
     if protocol.startswith("unix"):
         return True
@@ -63,7 +63,7 @@ def is_loopback(endpoint: str) -> bool:
 
 
 def check_open(listen: Sequence[str], authenticated: bool) -> None:
-    """BadInput where the daemon would listen beyond loopback without authentication."""
+    """Raise BadInput if the daemon would listen beyond loopback without authentication."""
     for endpoint in listen:
         check_address(endpoint, "bus.listen")
         if not authenticated and not is_loopback(endpoint):
@@ -77,7 +77,7 @@ def check_open(listen: Sequence[str], authenticated: bool) -> None:
 def check_page(
     listen: str, certificate: str, key: str, passwords: str, public_url: str = ""
 ) -> None:
-    """BadInput where the page in a browser would be open to the network."""
+    """Raise BadInput if the browser page would be open to the network."""
     host, _, port = listen.rpartition(":")
     if not host:
         raise BadInput(f"page.listen: {listen[:80]!r} is not an address; write HOST:PORT")
@@ -115,8 +115,8 @@ PORTS = {"http": 80, "https": 443}
 
 
 def split_public_url(url: str) -> tuple[str, str]:
-    """(origin as a browser sends it, path without a slash at its end) of the address that people
-    type for a page behind a reverse proxy. BadInput where it is none."""
+    """Split the address that people type for a page behind a reverse proxy into (origin as a
+    browser sends it, path without a trailing slash). Raises BadInput if it is not an address."""
     wrong = BadInput(
         f"page.public_url: {url[:120]!r} is not the address of a page; write it as people type "
         "it, such as https://lab.example/stage/"
@@ -139,13 +139,13 @@ def split_public_url(url: str) -> tuple[str, str]:
 
 
 def with_port(origin: str) -> str:
-    """HOST:PORT of an origin."""
+    """Return HOST:PORT of an origin."""
     scheme, _, place = origin.partition("://")
     return place if re.search(r":\d+$", place) else f"{place}:{PORTS[scheme]}"
 
 
 def check_routers(listen: Sequence[str], connect: Sequence[str], auth: Any) -> None:
-    """BadInput where the way through a router would leave out the authentication. auth: an
+    """Raise BadInput if a connection through a router would bypass authentication. auth: an
     AuthConfig or None."""
     credentials = auth is not None and auth.credentials
     for endpoint in connect:
@@ -195,12 +195,13 @@ def _tls(directory: Path, side: str) -> dict[str, Any]:
 
 
 def _secret(path: Path, what: str) -> str:
-    """The text of a file that nobody else may read."""
+    """Return the text of a file that no other user may read. Raises BadInput."""
     return Path(_readable(path, what, private=True)).read_text("utf-8")
 
 
 def read_passwords(path: Path, what: str) -> dict[str, str]:
-    """Passwords by name, from a file of name:password lines that nobody else may read."""
+    """Return passwords by name, from a file of name:password lines that no other user may read.
+    Raises BadInput."""
     found = {}
     for number, line in enumerate(_secret(path, what).splitlines(), 1):
         name, colon, password = line.partition(":")
@@ -221,9 +222,9 @@ def server_settings(
     passwords: str,
     certificates: str,
 ) -> dict[str, Any]:
-    """zenoh settings of a daemon that asks for authentication: the controller's name, the keys of
-    each of its axes, where the same roles hold. Raises BadInput where a file is missing, readable
-    for everybody, or does not fit the roles."""
+    """Return the zenoh settings of a daemon that requires authentication. name: the controller's;
+    axes: keys of its axes, all with the same roles. Raises BadInput if a file is missing, readable
+    by other users, or does not match the roles."""
     people = [*operators, *observers]
     if bool(passwords) == bool(certificates):
         raise BadInput("bus.auth: give either `passwords` or `certificates`")
@@ -238,7 +239,7 @@ def server_settings(
         user = "transport/auth/usrpwd"
         settings: dict[str, Any] = {
             f"{user}/user": name,
-            f"{user}/password": secrets.token_urlsafe(32),  # ours is asked for by nobody
+            f"{user}/password": secrets.token_urlsafe(32),  # our own is never requested
             f"{user}/dictionary_file": passwords,
         }
         subject = "usernames"
@@ -252,8 +253,9 @@ def server_settings(
 
 
 def client_settings(credentials: str) -> dict[str, Any]:
-    """zenoh settings of a client: a directory with ca.pem, certificate.pem and key.pem, or a file
-    with one line name:password; "": none. Raises BadInput where they cannot be used."""
+    """Return the zenoh settings of a client. credentials: a directory with ca.pem, certificate.pem
+    and key.pem, or a file with one line name:password; "": none. Raises BadInput if they cannot be
+    used."""
     if not credentials:
         return {}
     path = Path(credentials)
@@ -269,7 +271,7 @@ def client_settings(credentials: str) -> dict[str, Any]:
 def _access(
     axes: Sequence[Keys], subject: str, operators: Sequence[str], observers: Sequence[str]
 ) -> dict[str, Any]:
-    """Rules by role; `ingress` is what comes to the daemon, `egress` what it lets out."""
+    """Return the rules by role; `ingress` is traffic to the daemon, `egress` traffic from it."""
     everyone = Keys(axes[0].base, "*")
     published = [keys.pubsub(name) for keys in axes for name in PUBLISHED]
     asked = [keys.rpc(name) for keys in axes for name in QUESTIONS]

@@ -1,9 +1,9 @@
-"""The bus: the one place that imports zenoh.
+"""The bus session; the only module that imports zenoh.
 
 Everything is explicit: addresses to listen on (loopback unless configured), no multicast, no
 gossip, no shared memory, bounded message sizes. Callbacks run in zenoh's own threads, where a slow
-one blocks the whole session: they may only store what they got. A session that is not closed
-hangs at the end of the program, so a Bus is used with `with`.
+one blocks the whole session, so they may only store what they receive. A session that is not closed
+hangs at the end of the program, so use a Bus in a `with` statement.
 """
 
 import itertools
@@ -29,30 +29,30 @@ from dehyst.models.errors import DehystError
 log = logging.getLogger(__name__)
 LINK_BUFFER_BYTES = 1 << 18
 MOST_UNKNOWN = 4096
-"""Connections whose first word is still to come."""
+"""Largest number of connections that have not identified themselves yet."""
 UNREAD_MS = 3000
-"""So long a subscriber may take nothing before its connection ends."""
+"""How long a subscriber may read nothing before its connection is closed."""
 NOBODY_LISTENS = "Unable to connect to any of"
-"""zenoh's words where no address answers: ours say more."""
+"""zenoh's message if no address answers; our own message says more."""
 CALLBACK_ENDS_S = 2.0
-"""A callback only stores, so its thread ends within milliseconds of its session, or of seconds on a
-machine without a free processor."""
+"""How long to wait for a callback's thread [s]. A callback only stores, so its thread ends within
+milliseconds of its session, or within seconds on a machine without a free processor."""
 
 
 class BusError(DehystError):
-    """Nobody there, no answer, or a session that cannot be opened."""
+    """Nothing answers, an answer is late or refused, or a session cannot be opened."""
 
 
 class Nobody(BusError):
-    """Nobody is there to answer, at present."""
+    """No one is there to answer at present."""
 
 
 class NoAnswer(BusError):
-    """Somebody is there but did not answer in time."""
+    """The other side is there but did not answer in time."""
 
 
 class Asked:
-    """A question that was put to a queryable. Answer with `reply`, end with `done`."""
+    """A query that was sent to a queryable. Answer with `reply`, finish with `done`."""
 
     def __init__(self, query: "zenoh.Query") -> None:
         self._query = query
@@ -60,21 +60,21 @@ class Asked:
         self.payload = query.payload.to_bytes() if query.payload is not None else b""
 
     def reply(self, payload: bytes, encoding: str = ENCODING) -> None:
-        """Send one answer; there may be several. An asker who is gone is no error."""
+        """Send one answer; several are allowed. A client that has disconnected is not an error."""
         try:
             self._query.reply(self.key, payload, encoding=encoding)
         except zenoh.ZError as error:
             log.debug("answer to %s not sent: %s", self.key, error)
 
     def refuse(self, text: str) -> None:
-        """Answer that there is no answer, and why."""
+        """Answer with an error and its reason."""
         try:
             self._query.reply_err(text[:500].encode(), encoding="text/plain")
         except zenoh.ZError as error:
             log.debug("refusal of %s not sent: %s", self.key, error)
 
     def done(self) -> None:
-        """No more answers."""
+        """Finish the query: no more answers follow."""
         self._query.drop()
 
 
@@ -85,7 +85,8 @@ class Sender:
         self._publisher, self._check = publisher, check
 
     def put(self, payload: bytes) -> None:
-        """Publish. Raises BusError when the session is closed, or of another process."""
+        """Publish a payload. Raises BusError if the session is closed or belongs to another
+        process."""
         self._check()
         try:
             self._publisher.put(payload)
@@ -94,7 +95,7 @@ class Sender:
 
 
 class Bus(Closing):
-    """A zenoh session. Make one with `serve` or `connect`; use it with `with`."""
+    """A zenoh session. Create it with `serve` or `connect`, and use it in a `with` statement."""
 
     def __init__(self, settings: dict[str, Any], what: str) -> None:
         global zenoh
@@ -124,11 +125,11 @@ class Bus(Closing):
 
     @property
     def is_of_this_process(self) -> bool:
-        """False in a process that was forked from the one of this session."""
+        """Return False in a process that was forked from the one of this session."""
         return os.getpid() == self._process
 
     def check_process(self) -> None:
-        """Raises BusError in a process that was forked from the one of this session."""
+        """Raise BusError in a process that was forked from the one of this session."""
         if not self.is_of_this_process:
             raise BusError(
                 "this connection was made before the process was forked and cannot be used here: "
@@ -136,7 +137,7 @@ class Bus(Closing):
             )
 
     def of_the_library(self) -> list[Any]:
-        """The objects of zenoh that it holds."""
+        """Return the zenoh objects that this session holds."""
         return [self._opened, self._kept]
 
     @classmethod
@@ -146,7 +147,7 @@ class Bus(Closing):
         connect: Sequence[str],
         security: Mapping[str, Any] | None = None,
     ) -> Self:
-        """The daemon's session: listens, and connects to routers where there are any.
+        """Open the daemon's session: it listens, and connects to routers if there are any.
 
         security: settings from dehyst.daemon.bus.security; None: loopback only.
         """
@@ -155,16 +156,16 @@ class Bus(Closing):
             "mode": "peer",
             "listen/endpoints": list(listen),
             "connect/endpoints": list(connect),
-            "connect/timeout_ms": -1,  # a router that is not up yet is no reason to give up
+            "connect/timeout_ms": -1,  # keep trying to reach a router that is not up yet
             "connect/exit_on_failure": False,
-            # how long one full link may hold up all the others: 1 ms, then it loses the batch
+            # one full link may delay all others by at most 1 ms, then it loses the batch
             "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 1000,
-            # one that stays full so long is closed
+            # a link that stays full for 2 s is closed
             "transport/link/tx/queue/congestion_control/block/wait_before_close": 2_000_000,
-            # what a subscriber that does not read can make the kernel keep for it
+            # limits what the kernel buffers for a subscriber that does not read
             "transport/link/tcp/so_sndbuf": LINK_BUFFER_BYTES,
             "transport/link/tls/so_sndbuf": LINK_BUFFER_BYTES,
-            # connections that have not said who they are keep nobody else out
+            # connections that have not identified themselves must not keep others out
             "transport/unicast/accept_pending": MOST_UNKNOWN,
             "transport/unicast/accept_timeout": 5000,
         }
@@ -186,7 +187,7 @@ class Bus(Closing):
         timeout_s: float = 3.0,
         security: Mapping[str, Any] | None = None,
     ) -> Self:
-        """A client's session. Raises BusError where nobody listens; afterwards it reconnects.
+        """Open a client's session. Raises BusError if no address answers; later it reconnects.
 
         security: credentials from dehyst.daemon.bus.security.client_settings.
         """
@@ -203,7 +204,7 @@ class Bus(Closing):
                 "period_max_ms": 1000,
                 "period_increase_factor": 2,
             },
-            # only the thread that asks waits for its own link, so a busy machine loses no question
+            # only the querying thread waits for its own link, so a busy machine loses no query
             "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 500_000,
         }
         where = ", ".join(addresses)
@@ -214,7 +215,7 @@ class Bus(Closing):
         )
 
     def close(self) -> None:
-        """End the session. Safe to call twice; in a forked child it does nothing."""
+        """Close the session. Safe to call twice; does nothing in a forked child."""
         if not self.is_of_this_process:
             return
         self._kept.clear()
@@ -224,8 +225,9 @@ class Bus(Closing):
             ended.result().join(CALLBACK_ENDS_S)
 
     def _callback(self, store: Callable[[Any], None]) -> Any:
-        """`store`, as zenoh takes it. Its thread, a daemon where the one that declares is, aborts
-        the program where it wakes at the interpreter's end: `close` waits for it."""
+        """Wrap `store` as a zenoh callback. Its thread is a daemon thread if the declaring thread
+        is one, and would abort the program if it woke during interpreter shutdown; therefore
+        `close` waits for it."""
         ended: Future[threading.Thread] = Future()
         for one in list(self._callback_threads):
             if one.done() and not one.result().is_alive():
@@ -234,7 +236,7 @@ class Bus(Closing):
         return zenoh.handlers.Callback(store, lambda: ended.set_result(threading.current_thread()))
 
     def watch_links(self) -> Callable[[], tuple[int, int]]:
-        """A function that says (links that are open, links that have ended)."""
+        """Return a function that returns (open links, ended links)."""
         ended = itertools.count()
         newest = [0]
 
@@ -247,7 +249,7 @@ class Bus(Closing):
         return lambda: (len(self._session.info.transports()), newest[0])
 
     def sender(self, key: str, topic: Topic) -> Sender:
-        """A publisher with the topic's quality of service."""
+        """Return a publisher with the topic's quality of service."""
         publisher = self._session.declare_publisher(
             key,
             encoding=ENCODING,
@@ -260,8 +262,8 @@ class Bus(Closing):
         return Sender(publisher, self.check_process)
 
     def listen(self, key: str, store: Callable[[str, bytes], None]) -> Callable[[], None]:
-        """Subscribe. `store(key, payload)` runs in zenoh's thread and must only store. Returns a
-        function that ends it."""
+        """Subscribe to a key. `store(key, payload)` runs in zenoh's thread and must only store.
+        Returns a function that ends the subscription."""
 
         def received(sample: zenoh.Sample) -> None:
             store(str(sample.key_expr), sample.payload.to_bytes())
@@ -282,20 +284,20 @@ class Bus(Closing):
         self._kept.append(self._session.declare_queryable(key, callback, complete=True))
 
     def announce(self, key: str) -> None:
-        """Declare a liveliness token: gone when this process is."""
+        """Declare a liveliness token, which disappears with this process."""
         self._kept.append(self._session.liveliness().declare_token(key))
 
     def alive(self, key: str, timeout_s: float = 1.0) -> list[str]:
-        """Keys of the liveliness tokens that match."""
+        """Return the keys of the liveliness tokens that match."""
         replies = self._session.liveliness().get(key, timeout=timeout_s)
         return sorted({str(r.ok.key_expr) for r in replies if r.ok is not None})
 
     def ask(
         self, key: str, payload: bytes = b"", timeout_s: float = 3.0, long: bool = False
     ) -> Iterator[bytes]:
-        """The answers to a question, as they come. Raises BusError where nobody answers.
+        """Yield the answers to a query as they arrive. Raises BusError if nothing answers.
 
-        long: many or large answers are expected; the answerer waits for us to take them.
+        long: many or large answers are expected; the other side waits until we read them.
         """
         try:
             replies: Iterable[zenoh.Reply] = self._session.get(
@@ -306,7 +308,7 @@ class Bus(Closing):
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 priority=zenoh.Priority.DATA_LOW if long else zenoh.Priority.INTERACTIVE_HIGH,
-                # the answers travel with the question's quality of service
+                # answers are sent with the query's quality of service
                 congestion_control=zenoh.CongestionControl.BLOCK
                 if long
                 else zenoh.CongestionControl.DROP,
@@ -333,7 +335,7 @@ class Bus(Closing):
 
 
 def _full(what: str) -> "zenoh.CongestionControl":
-    """What happens to a topic's message where the link is full."""
+    """Return zenoh's congestion control for a topic's behaviour at a full link."""
     control = zenoh.CongestionControl
     return {"drop": control.DROP, "wait": control.BLOCK, "close": control.BLOCK_FIRST}[what]
 
@@ -348,8 +350,8 @@ _QUEUED = {
     "data_low": 2,
     "background": 2,
 }
-"""Batches that a link holds back, by priority: of questions as many as one client's threads put at
-once, of telemetry what a busy subscriber is behind."""
+"""Batches that a link queues, by priority: for queries as many as one client's threads send at
+once, for telemetry the backlog of a busy subscriber."""
 
 
 def _common(longest: int) -> dict[str, Any]:
@@ -358,6 +360,6 @@ def _common(longest: int) -> dict[str, Any]:
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/rx/max_message_size": longest,
-        "transport/link/tx/lease": 4000,  # a peer that hangs is given up after 4 s
+        "transport/link/tx/lease": 4000,  # a peer that hangs is dropped after 4 s
         "transport/link/tx/queue/size": _QUEUED,
     }

@@ -1,4 +1,4 @@
-"""What zenoh does not set on the daemon's sockets."""
+"""Sets options of the daemon's sockets that zenoh does not set."""
 
 import os
 import socket
@@ -9,14 +9,14 @@ from dehyst.drivers import system
 
 
 def end_unread_connections(after_ms: int) -> None:
-    """Have the kernel end a connection whose other side has taken nothing for so long.
+    """Let the kernel end a connection whose other side has read nothing for `after_ms`.
 
-    zenoh writes to a link without a limit of time, and closing such a link waits for the write:
-    a few of them hold up its threads, and with them everybody. Connections inherit the limit from
-    the listening socket (TCP_USER_TIMEOUT, tcp(7)).
+    zenoh writes to a link without a time limit, and closing such a link waits for the write: a few
+    of them block its threads, and thereby all clients. Connections inherit the limit from the
+    listening socket (TCP_USER_TIMEOUT, tcp(7)).
     """
     for name in os.listdir("/proc/self/fd"):
-        with suppress(OSError):  # the folder's own descriptor is gone by now
+        with suppress(OSError):  # the directory's own descriptor is already closed
             if stat.S_ISSOCK(os.fstat(int(name)).st_mode):
                 _end_unread(int(name), after_ms)
 
