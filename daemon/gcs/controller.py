@@ -1,9 +1,8 @@
-"""The commands of the standard that motion programs use, over the axes of one controller.
+"""Implements the GCS commands that motion programs use, for the axes of one controller.
 
-`dialect.TABLE` names them. An open-loop stage is
-driven as if it were closed-loop: `SVO` takes the command lease, the model (or the gauge) says when
-an axis is on target, and an axis stays where it was sent until its servo is switched off or the
-connection that commanded it ends.
+`dialect.TABLE` lists them. An open-loop stage is controlled as if it were closed-loop: `SVO` takes
+the command lease, the model (or the gauge) determines when an axis is on target, and an axis stays
+where it was sent until its servo is switched off or the connection that commanded it ends.
 """
 
 import logging
@@ -31,15 +30,16 @@ UNITS = {"um": "UM", "nm": "NM", "mrad": "MRAD", "urad": "URAD"}
 
 @dataclass
 class GcsSession:
-    """What belongs to one connection: its last error."""
+    """State of one connection: its last error and the axes that it commands."""
 
     error: GcsCode = GcsCode.NO_ERROR
     commands: set[str] = field(default_factory=set)
-    """Names of axes that it was the last to switch on."""
+    """Names of the axes that it has switched on or moved."""
 
 
 class GcsController:
-    """held: the axes; version: of this program. Used by one thread for each connection."""
+    """Executes commands. held: the axes; version: of this program. Each connection calls it from
+    its own thread."""
 
     def __init__(self, held: HeldAxes, version: str) -> None:
         self.held, self.version = held, version
@@ -52,7 +52,7 @@ class GcsController:
     # -- a connection ---------------------------------------------------------------------------
 
     def leave(self, session: GcsSession) -> None:
-        """The connection has ended: what it commanded is let go, as after any other client."""
+        """Release the axes after a connection that commanded any has ended, as for any client."""
         with self.lock:
             if not session.commands:
                 return
@@ -63,10 +63,10 @@ class GcsController:
             except DehystError as error:
                 log.warning("a connection ended, and the controller does not answer: %s", error)
 
-    # -- what the commands share -----------------------------------------------------------------
+    # -- shared by the commands ------------------------------------------------------------------
 
     def _axes(self, args: Sequence[str]) -> list[str]:
-        """Names of the axes that are asked about: all where none is given. Raises GcsError."""
+        """Return the names of the given axes, all if none is given. Raises GcsError."""
         for name in args:
             if name.upper() not in self.names:
                 raise GcsError(GcsCode.INVALID_AXIS, f"there is no axis {name}")
@@ -79,12 +79,12 @@ class GcsController:
         return join_lines(f"{name}={value(name, self.view_of(name))}" for name in self._axes(args))
 
     def _pairs(self, args: Sequence[str]) -> list[tuple[str, str]]:
-        """(axis, value) pairs. Raises GcsError."""
+        """Return (axis, value) pairs. Raises GcsError."""
         pairs = groups(args, 2)
         return [(self._axes([name])[0], text) for name, text in pairs]
 
     def is_held(self, name: str) -> bool:
-        """Whether the servo is on: it goes off by itself where another client took over."""
+        """Return whether the servo is on; it is switched off if another client has taken over."""
         if self._servo[name] and self.view_of(name).lost:
             self._servo[name] = False
         return self._servo[name]
@@ -118,7 +118,7 @@ class GcsController:
     # -- motion ---------------------------------------------------------------------------------
 
     def set_servo(self, session: GcsSession, args: Sequence[str]) -> str:
-        """SVO: on takes the lease and moves nothing; off lets go."""
+        """SVO: on takes the lease without moving; off on the last axis releases all axes."""
         for name, text in self._pairs(args):
             on = bool(integer(text, 0, 1, "servo"))
             if on:
@@ -133,20 +133,20 @@ class GcsController:
         return ""
 
     def move(self, session: GcsSession, args: Sequence[str]) -> str:
-        """MOV."""
+        """MOV: move to a target."""
         return self._move(session, {name: parse_number(text) for name, text in self._pairs(args)})
 
     def move_by(self, session: GcsSession, args: Sequence[str]) -> str:
-        """MVR: from the last target."""
+        """MVR: move relative to the last target."""
         by = {name: parse_number(text) for name, text in self._pairs(args)}
         return self._move(session, {name: self.asked(name) + step for name, step in by.items()})
 
     def go_home(self, session: GcsSession, args: Sequence[str]) -> str:
-        """GOH: to 0."""
+        """GOH: move to 0."""
         return self._move(session, dict.fromkeys(self._axes(args), 0.0))
 
     def stop(self, session: GcsSession, args: Sequence[str]) -> str:
-        """STP, HLT: all axes, as one amplifier's axes stop together."""
+        """STP, HLT: stop all axes, as the axes of one amplifier stop together."""
         self._axes(args)
         self.held.stop()
         raise GcsError(GcsCode.STOP, "stopped by command")
@@ -154,7 +154,7 @@ class GcsController:
     # -- waves ----------------------------------------------------------------------------------
 
     def write_wave(self, session: GcsSession, args: Sequence[str]) -> str:
-        """WAV."""
+        """WAV: write a segment to a wave table."""
         if len(args) < 3:
             raise GcsError(
                 GcsCode.PARAM_COUNT, "WAV takes a table, X, & or +, a kind and its numbers"
@@ -172,27 +172,27 @@ class GcsController:
         return axis
 
     def select_wave(self, session: GcsSession, args: Sequence[str]) -> str:
-        """WSL."""
+        """WSL: select the wave table of a generator."""
         for generator, table in groups(args, 2):
             axis = self._idle(self._generator(generator))
             self.waves.chosen[axis] = integer(table, 0, TABLES, "wave table")
         return ""
 
     def set_cycles(self, session: GcsSession, args: Sequence[str]) -> str:
-        """WGC."""
+        """WGC: set the number of cycles."""
         for generator, count in groups(args, 2):
             axis = self._idle(self._generator(generator))
             self.waves.cycles[axis] = integer(count, 0, MOST_CYCLES, "number of cycles")
         return ""
 
     def set_offset(self, session: GcsSession, args: Sequence[str]) -> str:
-        """WOS."""
+        """WOS: set the offset of a generator."""
         for generator, offset in groups(args, 2):
             self.waves.offset[self._idle(self._generator(generator))] = parse_number(offset)
         return ""
 
     def set_rate(self, session: GcsSession, args: Sequence[str]) -> str:
-        """WTR: one rate for all generators; interpolation is what the loop does by itself."""
+        """WTR: set one rate for all generators; the loop always interpolates."""
         for generator, rate, interpolation in groups(args, 3):
             if integer(generator, 0, len(self.waves.axes), "wave generator") == 0:
                 for axis in self.waves.axes:
@@ -202,7 +202,7 @@ class GcsController:
         return ""
 
     def start_waves(self, session: GcsSession, args: Sequence[str]) -> str:
-        """WGO: modes 0 (stop) and 1 (start at once)."""
+        """WGO: stop (mode 0) or start at once (mode 1)."""
         modes = {
             self._generator(generator): integer(mode, 0, 1, "start mode")
             for generator, mode in groups(args, 2)
@@ -220,7 +220,7 @@ class GcsController:
         return ""
 
     def clear_waves(self, session: GcsSession, args: Sequence[str]) -> str:
-        """WCL."""
+        """WCL: clear wave tables."""
         for (table,) in groups(args, 1):
             self.waves.tables.pop(integer(table, 1, TABLES, "wave table"), None)
         return ""
@@ -230,7 +230,7 @@ class GcsController:
         return join_lines(f"{self.waves.axes.index(axis) + 1}={value(axis)}" for axis in wanted)
 
     def wave_lengths(self, session: GcsSession, args: Sequence[str]) -> str:
-        """WAV?: parameter 1 is the number of points."""
+        """WAV?: report parameter 1, the number of points."""
         wanted = [integer(t, 1, TABLES, "wave table") for t, _ in groups(args, 2)] if args else []
         tables = self.waves.tables
         return join_lines(
@@ -239,7 +239,7 @@ class GcsController:
         )
 
     def wave_points(self, session: GcsSession, args: Sequence[str]) -> str:
-        """GWD?: start, number, table: the points with the header of a GCS array."""
+        """GWD?: report points (start, number, tables) with the header of a GCS array."""
         if len(args) < 2:
             raise GcsError(GcsCode.PARAM_COUNT, "GWD? takes a start point, a number and a table")
         start = integer(args[0], 1, MOST_POINTS, "start point")
@@ -261,24 +261,24 @@ class GcsController:
         rows = np.column_stack([column[start - 1 : start - 1 + count] for column in columns])
         return join_lines([*header, *(" ".join(f"{v:.6f}" for v in row) for row in rows)])
 
-    # -- questions ------------------------------------------------------------------------------
+    # -- queries --------------------------------------------------------------------------------
 
     def last_error(self, session: GcsSession, args: Sequence[str]) -> str:
-        """ERR?: the code of the last error, once."""
+        """ERR?: report the code of the last error once."""
         code, session.error = session.error, GcsCode.NO_ERROR
         return f"{int(code)}\n"
 
     def identify(self, session: GcsSession, args: Sequence[str]) -> str:
-        """*IDN?, IDN?."""
+        """*IDN?, IDN?: report the device identification."""
         return f"dehyst, {self.held.name}, 0, {self.version}\n"
 
     def mask(self, which: Callable[[AxisView], bool]) -> str:
-        """A hexadecimal bit mask over the axes, the first one lowest."""
+        """Return a hexadecimal bit mask over the axes; the first axis is the lowest bit."""
         bits = sum(which(self.view_of(name)) << bit for bit, name in enumerate(self.names))
         return f"{bits:X}\n"
 
     def status_register(self, session: GcsSession, args: Sequence[str]) -> str:
-        """#4, STA?: for each axis 16 bits: moving 0x2000, on target 0x8000, servo on 0x1000."""
+        """#4, STA?: report 16 bits per axis: moving 0x2000, on target 0x8000, servo on 0x1000."""
         value = 0
         for place, name in enumerate(self.names):
             view = self.view_of(name)
@@ -287,7 +287,7 @@ class GcsController:
         return f"0x{value:X}\n"
 
     def parameters(self, session: GcsSession, args: Sequence[str]) -> str:
-        """SPA?: the few parameters that programs ask for."""
+        """SPA?: report the few parameters that programs query."""
         rows = []
         for name, text in self._pairs(args) if args else []:
             which, view = integer(text, 0, 0xFFFFFFFF, "parameter"), self.view_of(name)
@@ -305,7 +305,7 @@ class GcsController:
         return join_lines(rows)
 
     def parameter_help(self, session: GcsSession, args: Sequence[str]) -> str:
-        """HPA?."""
+        """HPA?: list the parameters."""
         rows = [
             f"0x{p:X}=\t0\t1\t{'CHAR' if p == AXIS_UNIT else 'FLOAT'}\taxis\t{says}"
             for p, says in PARAMETERS.items()

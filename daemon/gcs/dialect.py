@@ -1,4 +1,4 @@
-"""The whole dialect: one row a command; what is not here is answered with error 2."""
+"""The complete dialect, one row per command; any other command results in error 2."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -17,17 +17,17 @@ REFUSED = {
     "no-lease": GcsCode.NO_SERVO,
     "unreachable": GcsCode.OUT_OF_LIMITS,
 }
-"""Codes of the standard for the daemon's refusals; the others are COMMUNICATION."""
+"""GCS error codes for the daemon's refusals; all others are COMMUNICATION."""
 
 
 def answer_command(controller: GcsController, session: GcsSession, command: GcsCommand) -> str:
-    """The answer to one command, "" where there is none; its error is kept for `ERR?`."""
+    """Return the answer to one command, "" if there is none; an error is kept for `ERR?`."""
     word = command.word
     try:
         if word not in TABLE:
             code = GcsCode.UNKNOWN_COMMAND if word else GcsCode.COMMAND_TOO_LONG
             raise GcsError(code, "it is not spoken here" if word else "the line is too long")
-        if word in STOPS:  # never waits for another command
+        if word in STOPS:  # a stop never waits for another command
             return TABLE[word].do(controller, session, command.args)
         with controller.lock:
             return TABLE[word].do(controller, session, command.args)
@@ -51,7 +51,7 @@ def _help(controller: GcsController, session: GcsSession, args: Sequence[str]) -
 
 @dataclass(frozen=True)
 class Entry:
-    """One command: what it does, and its line in the answer to HLP?."""
+    """One command. do: its function; says: its line in the answer to HLP?."""
 
     do: Callable[[GcsController, GcsSession, Sequence[str]], str]
     says: str

@@ -1,9 +1,9 @@
 """The grammar of the General Command Set 2.0 (PI manual PZ250E and the manuals of E-709, E-727).
 
-A line is a command word and its arguments with blanks between, ended by LF. Single control
-characters are commands of their own that need no LF and are answered even while a line is coming.
-An answer of several lines has a blank before each LF but the last. A command that fails answers
-nothing; `ERR?` reports the code once.
+A line is a command word and its arguments, separated by blanks and ended by LF. Single control
+characters are commands that need no LF and are answered even while a line is being received. An
+answer of several lines has a blank before each LF except the last. A command that fails gives no
+answer; `ERR?` reports the code once.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 LONGEST = 1 << 16
-"""Characters of a line; `WAV ... PNT` is sent in bunches below this by motion programs."""
+"""Longest line [characters]; motion programs send `WAV ... PNT` in shorter pieces."""
 CONTROL = frozenset((4, 5, 7, 9, 24))
 """Single characters that are commands: status, motion, ready, wave generators, stop."""
 
 
 class GcsCode(IntEnum):
-    """Errors of the standard that `ERR?` reports."""
+    """GCS error codes that `ERR?` reports."""
 
     NO_ERROR = 0
     PARAM_SYNTAX = 1
@@ -40,7 +40,7 @@ class GcsCode(IntEnum):
 
 
 class GcsError(Exception):
-    """A command failed with a code of the standard; `why` goes into the log."""
+    """Raised when a command fails. code: the GCS error code; why: text for the log."""
 
     def __init__(self, code: GcsCode, why: str) -> None:
         super().__init__(why)
@@ -49,22 +49,22 @@ class GcsError(Exception):
 
 @dataclass(frozen=True)
 class GcsCommand:
-    """One command: its word in capitals (`#24` for a control character) and its arguments."""
+    """One command: its word in upper case (`#24` for a control character) and its arguments."""
 
     word: str
     args: tuple[str, ...] = ()
 
 
 class Splitter:
-    """Cuts the bytes of one connection into commands, whatever the pieces in which they arrive."""
+    """Splits the bytes of one connection into commands, however they arrive."""
 
     def __init__(self) -> None:
         self._line = bytearray()
         self._too_long = False
 
     def feed(self, data: bytes) -> Iterator[GcsCommand]:
-        """The commands that these bytes complete, in order. Raises nothing: a line that is too
-        long becomes the command "" with no argument."""
+        """Yield the commands that these bytes complete, in order. Raises nothing: a line that is
+        too long becomes the command "" without arguments."""
         for byte in data:
             if byte in CONTROL:
                 yield GcsCommand(f"#{byte}")
@@ -83,7 +83,7 @@ class Splitter:
 
 
 def parse_number(text: str) -> float:
-    """A finite number. Raises GcsError."""
+    """Parse a finite number. Raises GcsError."""
     try:
         value = float(text)
     except ValueError:
@@ -94,7 +94,7 @@ def parse_number(text: str) -> float:
 
 
 def integer(text: str, low: int, high: int, what: str) -> int:
-    """A whole number (hexadecimal with 0x) within low..high. Raises GcsError."""
+    """Parse an integer (hexadecimal with 0x) within low..high. Raises GcsError."""
     try:
         value = int(text, 16) if text.lower().startswith("0x") else int(text)
     except ValueError:
@@ -105,12 +105,12 @@ def integer(text: str, low: int, high: int, what: str) -> int:
 
 
 def groups(args: Sequence[str], size: int) -> list[tuple[str, ...]]:
-    """The arguments in groups of `size`, at least one. Raises GcsError."""
+    """Return the arguments in groups of `size`, at least one group. Raises GcsError."""
     if not args or len(args) % size:
         raise GcsError(GcsCode.PARAM_COUNT, f"{len(args)} arguments, expected a multiple of {size}")
     return [tuple(args[i : i + size]) for i in range(0, len(args), size)]
 
 
 def join_lines(texts: Iterable[str]) -> str:
-    """An answer of one line a text."""
+    """Return an answer with one line per text."""
     return " \n".join(texts) + "\n"

@@ -1,4 +1,4 @@
-"""TCP for the controller: one thread a connection, bounded in number and in length of a line."""
+"""The TCP server: one thread per connection, limited number of connections and line length."""
 
 import logging
 import socket
@@ -11,12 +11,12 @@ from dehyst.daemon.gcs.grammar import Splitter
 
 log = logging.getLogger(__name__)
 MOST_CONNECTIONS = 8
-"""One program, and what looks on beside it."""
+"""Enough for one program and a few others that only observe."""
 PIECE = 1 << 16
 
 
 class GcsServer(socketserver.ThreadingTCPServer):
-    """Serves `controller` at (host, port). Raises OSError where the port is taken."""
+    """Serves `controller` at (host, port). Raises OSError if the port is in use."""
 
     allow_reuse_address = True
     daemon_threads = True
@@ -29,14 +29,14 @@ class GcsServer(socketserver.ThreadingTCPServer):
         self._places = threading.BoundedSemaphore(MOST_CONNECTIONS)
 
     def verify_request(self, request: object, client_address: object) -> bool:
-        """A place for it, or it is closed."""
+        """Accept the connection, or refuse it if too many are open."""
         if self._places.acquire(blocking=False):
             return True
         log.warning("refused %s: %d connections are open", client_address, MOST_CONNECTIONS)
         return False
 
     def give_back(self) -> None:
-        """A connection has ended."""
+        """Free the place of a connection that has ended."""
         self._places.release()
 
 

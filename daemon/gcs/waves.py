@@ -1,8 +1,8 @@
-"""Wave tables and wave generators: pure, positions in the stage's unit, one point a table step.
+"""Wave tables and wave generators. Pure. Positions are in the stage's unit, one point per step.
 
 The shapes are those of `WAV` in PI's manuals: PNT (points as given), SIN_P (inverted cosine), LIN
-(one scan line) and RAMP (up and down), the latter two with constant acceleration over the given
-points at each end of a flank.
+(one scan line) and RAMP (up and down); the last two have constant acceleration over the given
+number of points at each end of a flank.
 """
 
 import math
@@ -16,14 +16,14 @@ from dehyst.daemon.gcs.grammar import GcsCode, GcsError, integer, parse_number
 
 Floats = NDArray[np.float64]
 MOST_POINTS = 1 << 18
-"""Points of one table: 4.4 minutes at 1 kHz, 2 MiB."""
+"""Most points of one table: 4.4 minutes at 1 kHz, 2 MiB."""
 TABLES = 8
 MOST_CYCLES = 1 << 30
 MOST_RATE = 10_000
 
 
 def segment(kind: str, args: Sequence[str]) -> Floats:
-    """The points of one `WAV` segment from its arguments after the kind. Raises GcsError."""
+    """Return the points of one `WAV` segment from its arguments after the kind. Raises GcsError."""
     if kind == "PNT":
         return _points(args)
     takes = {"SIN_P": 6, "LIN": 6, "RAMP": 7}
@@ -70,7 +70,7 @@ def _points(args: Sequence[str]) -> Floats:
 
 
 def _up_down(up: Floats, down: Floats) -> Floats:
-    """A flank up, then one down mirrored in time: it begins and ends at 0."""
+    """Join a rising flank and an inverted one, so that the wave begins and ends at 0."""
     return np.concatenate([up, 1.0 - down])
 
 
@@ -79,8 +79,8 @@ def _half_cosine(n: int) -> Floats:
 
 
 def _flank(n: int, speed_up: int) -> Floats:
-    """(n,) shares of the way from 0 towards 1: constant acceleration over `speed_up` steps,
-    constant speed, constant deceleration over as many."""
+    """Return (n,) positions from 0 towards 1: constant acceleration over `speed_up` steps, constant
+    speed, constant deceleration over as many steps."""
     s, t = float(speed_up), np.arange(n, dtype=float)
     speed = 1.0 / max(n - s, 1.0)
     rising = speed * t * t / (2.0 * s) if s else np.zeros(n)
@@ -91,7 +91,7 @@ def _flank(n: int, speed_up: int) -> Floats:
 
 @dataclass
 class Waves:
-    """All tables, and how the generators (one for each axis) play them. Numbers begin at 1."""
+    """All tables, and how the generators (one per axis) play them. Numbering starts at 1."""
 
     axes: tuple[str, ...]
     tables: dict[int, Floats] = field(default_factory=dict)
@@ -101,7 +101,8 @@ class Waves:
     rate: int = 1
 
     def write(self, table: int, how: str, points: Floats) -> None:
-        """`X`: these points alone; `&`: after those that are there; `+`: added to them."""
+        """Write points to a table. how: `X` replaces its points, `&` appends, `+` adds the values.
+        Raises GcsError."""
         old = self.tables.get(table, np.zeros(0))
         if how == "&":
             points = np.concatenate([old, points])
@@ -117,7 +118,7 @@ class Waves:
         self.tables[table] = points
 
     def play_of(self, axes: Sequence[str], step_s: float) -> tuple[Floats, dict[str, Floats], int]:
-        """(times [s], targets of each axis, repetitions; 0: without end) of the generators of these
+        """Return (times [s], targets per axis, repetitions, 0: endless) for the generators of these
         axes, started together. Raises GcsError."""
         waves, counts = {}, set()
         for axis in axes:
