@@ -1,4 +1,4 @@
-"""The path of a move at a set velocity, as the motor record makes it: constant acceleration,
+"""Computes the path of a move at a set velocity, like the motor record: constant acceleration,
 constant velocity, constant deceleration. Pure."""
 
 import numpy as np
@@ -10,13 +10,13 @@ Floats = NDArray[np.float64]
 def move_profile(
     start: float, end: float, velocity: float, ramp_s: float, period_s: float
 ) -> tuple[Floats, Floats]:
-    """(n,) times [s] and (n,) positions of a move from rest to rest. velocity: the largest
-    [unit/s]; ramp_s: time from rest to it; period_s: spacing of the points. A short move is a
-    triangle at the same acceleration; a ramp shorter than one point is none. The last
-    point is `end` exactly."""
+    """Return (n,) times [s] and (n,) positions of a move from rest to rest. velocity: largest
+    velocity [unit/s]; ramp_s: time from rest to this velocity; period_s: spacing of the points. A
+    short move has a triangular velocity profile with the same acceleration; a ramp shorter than one
+    point is omitted. The last point is exactly `end`."""
     distance = abs(end - start)
     ramp_s = ramp_s if ramp_s >= period_s else 0.0  # shorter than one point
-    if distance < velocity * ramp_s:  # it never reaches its velocity
+    if distance < velocity * ramp_s:  # the move never reaches its velocity
         ramp_s = float(np.sqrt(distance * ramp_s / velocity))
         velocity = distance / ramp_s
     total_s = distance / velocity + ramp_s

@@ -1,9 +1,9 @@
-"""One axis as EPICS records: a motor record, and beside it what a motor record has no field for.
+"""One axis as EPICS records: a motor record, and further records for values it has no field for.
 
 A put to VAL takes the command lease and moves; with completion (`caput -c`, ophyd) it returns when
-the axis is on target. VELO below VMAX makes the move a path of that velocity with ramps of ACCL
-seconds; at VMAX the daemon goes as fast as its slew allows. STOP stops and holds. A put that is
-refused raises the record's alarm and fails at the client; its reason is in MSG.
+the axis is on target. With VELO below VMAX, the move follows a path of that velocity with ramps of
+ACCL seconds; at VMAX the daemon moves as fast as its slew limit allows. STOP stops and holds. A
+refused put raises the record's alarm and fails at the client; the reason is in MSG.
 """
 
 import asyncio
@@ -23,22 +23,22 @@ from dehyst.models.errors import DehystError
 
 log = logging.getLogger(__name__)
 UPDATE_S = 0.1
-"""Monitors are updated this often [s]: what people and archivers look at; scans use completion."""
+"""Update interval of the monitors [s], for people and archivers; scans use completion."""
 DONE_S = 120.0
-"""A move that is not on target by then fails at the client [s]."""
+"""Time [s] after which a move that is not on target fails at the client."""
 MONITORS_S = 0.05
 """How long a put's completion waits for the monitors of the same update [s], which another task of
-the server sends, in batches of 10 ms: a client that has its completion first would still read the
-place before the move."""
+the server sends in batches of 10 ms: a client that received the completion first would still read
+the position before the move."""
 TEXT = 40
-"""Characters of an EPICS string."""
+"""Length of an EPICS string [characters]."""
 
 
 @dataclass(frozen=True)
 class AxisSource:
-    """What the records of an axis are made from, beside its telemetry: feed: status and doctor's
-    reports; model: asks for the digest of the model in use; fastest: speed at the largest slew
-    [unit/s]; observe: puts are refused."""
+    """Sources of an axis's records in addition to its telemetry. feed: status and doctor's reports;
+    model: requests the digest of the model in use; fastest: speed at the slew limit [unit/s];
+    observe: puts are refused."""
 
     feed: StatusFeed
     model: Callable[[], str]
@@ -58,7 +58,8 @@ class AxisRecords(PVGroup):
     # -- puts -----------------------------------------------------------------------------------
 
     async def _run(self, job: Any, *args: Any) -> None:
-        """A job of the bus beside the server's loop. Raises what it raises, and says it in MSG."""
+        """Run a job on the bus in another thread. Raises what the job raises, and writes the error
+        to MSG."""
         if self._source.observe:
             await self.message.write("this server only observes")
             raise PermissionError("this server only observes")
@@ -70,7 +71,7 @@ class AxisRecords(PVGroup):
         await self.message.write("")
 
     async def _put_motor(self, instance: Any, value: float) -> float:
-        """VAL: go there; returns when it is on target or was sent elsewhere."""
+        """VAL: move to the target; return when the axis is on target or was sent elsewhere."""
         self._move += 1
         mine = self._move
         await self._run(self._begin, float(value))
@@ -105,7 +106,7 @@ class AxisRecords(PVGroup):
             self._axes.go({self._axis: value})
 
     async def _put_held(self, instance: Any, value: int) -> int:
-        """1: take the command lease, and move nothing; 0: let go."""
+        """HELD: 1 takes the command lease without moving; 0 releases the axes."""
         await self._run(self._axes.take if value else self._axes.let_go)
         return int(bool(value))
 
@@ -146,7 +147,7 @@ class AxisRecords(PVGroup):
             await async_lib.library.sleep(UPDATE_S)
 
     def _offer(self) -> str:
-        """The doctor's newest word on a model, "" where nothing is offered."""
+        """Return the doctor's newest report if it offers a model, else ""."""
         reports = self._source.feed.doctor
         newest = reports[-1] if reports else None
         if newest is None or newest.offer is None:
@@ -162,15 +163,16 @@ class AxisRecords(PVGroup):
             await field.write(value, verify_value=False)
 
     async def _update(self) -> None:
-        """One at a time: an older view would overwrite the newer one's fields."""
+        """Write the fields, one update at a time, so that an older view cannot overwrite the fields
+        of a newer one."""
         async with self._updating:
             await self._write_fields()
 
     async def _write_fields(self) -> None:
         view, said = self._view(), self._source.feed.status
         done = not view.moving and not view.flying
-        # dial limits stay 0, which is none: clients that find the stage outside the reach (at 0 V
-        # it often is) would not let it come in; the daemon refuses what cannot be reached
+        # dial limits stay 0 (none): a client that finds the stage outside the reach, as is common
+        # at 0 V, would refuse to move it inside; the daemon itself refuses unreachable targets
         limits = {"LLM": view.low, "HLM": view.high}
         values: dict[str, Any] = {
             **limits,
@@ -192,7 +194,7 @@ class AxisRecords(PVGroup):
             await self.trim.write(said.trim)
             await self.health.write(said.gateway.health)
             await self.offer.write(self._offer())
-            if (said.reach_min, said.reach_max) != self._reach:  # another model, or the first
+            if (said.reach_min, said.reach_max) != self._reach:  # a new model, or the first one
                 self._reach = said.reach_min, said.reach_max
                 await self.model.write((await asyncio.to_thread(self._source.model))[:TEXT])
         await self.held.write(int(math.isfinite(view.asked) and not view.lost), verify_value=False)

@@ -1,4 +1,4 @@
-"""Channel Access for one controller: a set of records for each axis, on one address."""
+"""The Channel Access server of one controller: a set of records per axis, on one address."""
 
 import asyncio
 import contextlib
@@ -17,11 +17,11 @@ from dehyst.daemon.rings.records import model_digest
 from dehyst.models.modelfile import dumps
 
 BEACONS = "Failed to send beacon"
-"""How caproto reports, with a traceback and every few seconds, that no CA repeater listens."""
+"""Start of caproto's message, with a traceback every few seconds, if no CA repeater listens."""
 
 
 def axis_sources(group: Group, observe: bool) -> dict[str, AxisSource]:
-    """By axis. group: a connection that only asks and listens."""
+    """Return the sources by axis. group: a connection that only queries and listens."""
     found = {}
     for axis, client in group.clients.items():
         limits, status = client.config().limits, client.status()
@@ -39,7 +39,8 @@ def axis_sources(group: Group, observe: bool) -> dict[str, AxisSource]:
 
 
 def records_of(held: HeldAxes, sources: dict[str, AxisSource], prefix: str) -> list[AxisRecords]:
-    """The records of every axis: PREFIXx, PREFIXy; PREFIX without its last colon for one axis."""
+    """Return the records of every axis: PREFIXx, PREFIXy; for a single unnamed axis, PREFIX without
+    its last colon."""
     return [
         AxisRecords(f"{prefix}{axis}" if axis else prefix.rstrip(":"), axis, held, source)
         for axis, source in sources.items()
@@ -49,11 +50,11 @@ def records_of(held: HeldAxes, sources: dict[str, AxisSource], prefix: str) -> l
 def serve_records(
     records: list[AxisRecords], address: str, port: int, ready: Callable[[int], None]
 ) -> None:
-    """Serve until SIGTERM or Ctrl-C. address: of the interface; port: of TCP and of searches by
-    UDP, 0: the one of the environment ($EPICS_CA_SERVER_PORT, 5064). Raises OSError."""
+    """Serve until SIGTERM or Ctrl-C. address: of the interface; port: for TCP and UDP searches, 0:
+    from the environment ($EPICS_CA_SERVER_PORT, else 5064). Raises OSError."""
     if port:
         os.environ["EPICS_CA_SERVER_PORT"] = str(port)
-    # beacons stay on this address: a server on the loopback must not call into the network
+    # send beacons to this address only: a loopback server must not send to the network
     os.environ.setdefault("EPICS_CAS_AUTO_BEACON_ADDR_LIST", "NO")
     os.environ.setdefault("EPICS_CAS_BEACON_ADDR_LIST", address)
     logging.getLogger("caproto.ctx").addFilter(_is_not_of_beacons)
@@ -61,7 +62,7 @@ def serve_records(
 
 
 def _is_not_of_beacons(record: logging.LogRecord) -> bool:
-    """Whether a line is worth showing: a beacon that nobody hears is an ordinary one."""
+    """Return False for log lines about undelivered beacons, which are normal."""
     return not str(record.msg).startswith(BEACONS)
 
 
@@ -86,5 +87,5 @@ async def _serve(records: list[AxisRecords], address: str, ready: Callable[[int]
 
 
 def _end(loop: asyncio.AbstractEventLoop, task: "asyncio.Task[None]") -> None:
-    with contextlib.suppress(RuntimeError):  # asked twice: the loop is closed by now
+    with contextlib.suppress(RuntimeError):  # a second signal: the loop is already closed
         loop.call_soon_threadsafe(task.cancel)
