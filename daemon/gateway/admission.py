@@ -28,8 +28,8 @@ DecideOffer = Callable[[str, int], str]
 
 class Admission:
     """Admits or refuses commands. unit: the model's displacement unit; queue_s: longest trajectory
-    ahead of the loop; stale_s: commands that took longer to arrive are refused; may_stay: a
-    set-point or a hold may outlast its client."""
+    ahead of the loop; stale_s: set-points and chunks that took longer to arrive are refused;
+    may_stay: a set-point or a hold may outlast its client."""
 
     def __init__(
         self, unit: str, queue_s: float, stale_s: float, lease: Lease, may_stay: bool = False
@@ -303,7 +303,7 @@ class Admission:
             self.check_free(now_ns, command)
             self.give_lease(now_ns, command)
             return NOTHING
-        if action in ("stop", "release"):  # allowed without a lease
+        if action in ("stop", "release"):  # needs the right to command, but no lease
             self.core.check(self._room)
             self._end_trajectory("it was stopped")
             if lease.check(now_ns, client, command.lease):
@@ -311,7 +311,7 @@ class Admission:
             return make_records(
                 LoopCommand.STOP_MOTION if action == "stop" else LoopCommand.RELEASE, client
             )
-        if action in ("accept", "reject"):  # allowed without a lease: it moves nothing by itself
+        if action in ("accept", "reject"):  # needs no lease either: it moves nothing by itself
             if why := self.decide_offer(action, command.offer):
                 raise NotAdmitted("no-offer", why)
             return NOTHING

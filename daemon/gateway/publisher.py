@@ -41,7 +41,7 @@ RUNS = "the loop's process is running"
 GONE = "the loop's process does not respond: it has ended, was killed, or hangs"
 LONGEST_BATCH = 4096
 MEAN_S = 0.1
-"""Averaging time of the reading in the status [s], which is meant for people."""
+"""Averaging time [s] of the reading in the status: people read it, and noise is of no interest."""
 RECENT_EVENTS = 64
 """Events kept for clients that connect later."""
 

@@ -85,7 +85,7 @@ CHANGES = room(
     ),
     Change(
         "stop-needs-lease", GATE,
-        '        if action in ("stop", "release"):  # allowed without a lease\n',
+        '        if action in ("stop", "release"):  # needs the right to command, but no lease\n',
         '        if action in ("stop", "release"):\n'
         "            self._check_lease(now_ns, client, command.lease)\n",
         "only the holder of the lease can stop the stage",
