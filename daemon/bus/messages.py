@@ -211,8 +211,7 @@ class ModelOffer(Message, frozen=True, kw_only=True):
     rms_offered: float
     noise: float
     trial_s: float
-    """Once accepted, the model is withdrawn if the error has not fallen after this time of motion.
-    """
+    """Once accepted, it is withdrawn if the error has not fallen after this much time in motion."""
     trial_limit_s: float = 0.0
     """The trial ends after this time, whether the stage moves or not; 0: unknown."""
     blocks: tuple[Name, ...] = ()
@@ -262,8 +261,7 @@ class DoctorReport(Message, tag_field="schema", tag="dehyst.doctor", frozen=True
     has_report: bool = False
     offer: ModelOffer | None = None
     experiment: Annotated[tuple[Text, ...], Meta(max_length=64)] = ()
-    """The next experiment if the recording is not conclusive: arguments of `dehyst`, ready to run.
-    """
+    """The next experiment if the recording is inconclusive: arguments of `dehyst`, ready to run."""
 
 
 class DoctorReports(
