@@ -1,4 +1,4 @@
-"""Which mode suits a model, and the limits that it keeps."""
+"""Choose the inverse's mode for a model, and the limits that it respects."""
 
 import math
 from collections.abc import Sequence
@@ -17,8 +17,8 @@ MODES = ("hold", "static", "causal", "preview")
 
 
 class ModeChoice(NamedTuple):
-    """mode: "static", "causal" or "preview"; reason: why, for telemetry; planned: whether a
-    window of drive values is solved for, or the exact static inverse walks."""
+    """mode: "static", "causal" or "preview"; reason: why, for telemetry; planned: True where a
+    window of drive values is solved for, False where the exact static inverse is used."""
 
     mode: str
     reason: str
@@ -28,10 +28,10 @@ class ModeChoice(NamedTuple):
 def choose_mode(
     model: Model, dynamic: Sequence[str], price: float, mode: str, preview_s: float
 ) -> ModeChoice:
-    """Which mode suits the model and the look-ahead that the stream can give.
+    """Choose the mode that suits the model and the available look-ahead.
 
-    dynamic: kinds of its blocks that want targets ahead; price: rms difference of the nearest
-    monotone model; mode: "auto" or the user's wish.
+    dynamic: kinds of its blocks that need targets ahead; price: rms difference of the nearest
+    monotone model; mode: "auto" or the mode that the user requests.
     """
     h = model.hysteresis
     unit = model.displacement_unit
@@ -82,7 +82,7 @@ def check_inverse_settings(
 def limits_of(
     model: Model, packed: Packed, low: float, high: float, rate: float
 ) -> tuple[float, float, float]:
-    """Drive range and rate that limits, validity and the blocks leave."""
+    """Return the drive range and rate that the limits, the validity and the blocks allow."""
     v = model.validity
     low, high = max(low, v.drive_min), min(high, v.drive_max)
     least, most, fastest = packed.limits
@@ -98,7 +98,7 @@ def limits_of(
 
 
 def signed_slope(model: Model, low: float, high: float) -> float:
-    """Mean slope of the displacement over the drive range; 1 where it has none."""
+    """Return the mean slope of the displacement over the drive range; 1 where it is 0."""
     h = model.hysteresis
     ends = simulate_hysteresis(h, np.array([low, high, low, high]), 1e9)
     slope = float(ends[3] - ends[2]) / (high - low)
@@ -106,7 +106,7 @@ def signed_slope(model: Model, low: float, high: float) -> float:
 
 
 def noise_of(model: Model, slope: float, low: float, high: float) -> float:
-    """The model's noise [displacement unit], or a share of the stroke where it states none."""
+    """Return the model's noise [displacement unit]; where it states none, a share of the stroke."""
     stroke = slope * (high - low)
     stated = model.fit.noise_rms or model.fit.rms
     return max(stated, 1e-6 * stroke) if stated else TUNING.noise_share * stroke

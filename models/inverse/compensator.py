@@ -1,8 +1,9 @@
-"""The compensator: upcoming targets in, drive out, one sample at a time.
+"""Convert upcoming targets into a drive, one sample at a time.
 
-One object holds what is fixed (model, mode, limits); one state object holds what changes, in
-arrays made once. `step` proposes a drive, `applied` tells which drive really went out (a limiter
-or a converter's step may have changed it): the model's memory follows the applied drive.
+`Compensator` holds what is fixed (model, mode, limits); `CompensatorState` holds what changes, in
+preallocated arrays. `step` proposes a drive; `applied` reports the drive that was really applied
+(a limiter or the converter's resolution may have changed it). The model's memory follows the
+applied drive.
 
     compensator = Compensator(model, period_s, drive_min, drive_max, slew_per_s)
     state = compensator.init(drive_now)
@@ -10,9 +11,9 @@ or a converter's step may have changed it): the model's memory follows the appli
     state.drive ...
     compensator.applied(state, drive)
 
-Fewer targets than the mode wants: what was known a sample ago is still known, and the plan is
-followed along it; when that is used up the static inverse takes over. A sample of which no target
-is known holds.
+If fewer targets arrive than the mode needs, the targets known from the previous sample are still
+used and the plan is followed along them; when they run out, the static inverse takes over. A sample
+without a known target holds the drive.
 """
 
 import math
@@ -62,8 +63,8 @@ FLAG_NAMES = {
 
 
 class CompensatorState:
-    """What changes from sample to sample. inverse: everything the kernels work on; table: where it
-    lies, for compiled callers; pending: a drive is proposed and not yet applied."""
+    """State that changes from sample to sample. inverse: all arrays that the kernels use; table:
+    their addresses, for compiled callers; pending: a drive is proposed and not yet applied."""
 
     def __init__(self, inverse: Inverse) -> None:
         self.inverse, self.pending = inverse, False
@@ -72,47 +73,47 @@ class CompensatorState:
 
     @property
     def drive(self) -> float:
-        """The drive proposed, or applied last."""
+        """Return the drive that was proposed or applied last."""
         return float(self.inverse.result["drive"][0])
 
     @property
     def predicted(self) -> float:
-        """Displacement of the stage that the model expects of that drive."""
+        """Return the displacement of the stage that the model predicts for that drive."""
         return float(self.inverse.result["predicted"][0])
 
     @property
     def reading(self) -> float:
-        """What the sensor should say then."""
+        """Return the sensor reading that the model predicts for that drive."""
         return float(self.inverse.result["reading"][0])
 
     @property
     def mode(self) -> int:
-        """HOLD, STATIC, CAUSAL or PREVIEW: how the drive was made."""
+        """Return how the drive was computed: HOLD, STATIC, CAUSAL or PREVIEW."""
         return int(self.inverse.result["mode"][0])
 
     @property
     def flags(self) -> int:
-        """Bits FLAG_..."""
+        """Return the flags as bits FLAG_..."""
         return int(self.inverse.result["flags"][0])
 
     @property
     def channels(self) -> Floats:
-        """(n_channels,) the newest values of the model's further channels; NaN: not measured."""
+        """Return (n_channels,) newest values of the model's further channels; NaN: not measured."""
         return self.inverse.channels
 
 
 class Compensator:
-    """Inverts a model within a loop of fixed period.
+    """Invert a model within a loop of fixed period.
 
-    model: any model; where its weights are not monotone the nearest monotone model is what the
-    static inverse inverts, and `price` is their rms difference [displacement unit]. period_s: the
-    loop's period; drive_min, drive_max, slew_per_s: limits that every proposed drive keeps
+    model: any model; where its weights are not monotone, the static inverse inverts the nearest
+    monotone model, and `price` is their rms difference [displacement unit]. period_s: the loop's
+    period; drive_min, drive_max, slew_per_s: limits that every proposed drive respects
     [drive unit, drive unit / s]; the model's validity narrows them further (`low`, `high`,
     `rate`). mode: "auto", "static", "causal" or "preview"; preview_s: longest look-ahead.
     Raises BadInput on bad arguments.
 
-    `mode`, `reason`: what was chosen and why; `latency_s`: by how much targets must be known
-    ahead; `window_samples`: how many targets `step` looks at; `channels`: names of the further
+    `mode`, `reason`: the mode that was chosen, and why; `latency_s`: how far ahead targets must be
+    known; `window_samples`: how many targets `step` reads; `channels`: names of the further
     channels that `step` needs, in order.
     """
 
@@ -175,10 +176,10 @@ class Compensator:
         self._nodes, self._per_node = nodes, per_node
 
     def init(self, drive_now: float, displacement: float | None = None) -> CompensatorState:
-        """State for a stage that stands at drive_now, driven there from de-energised.
+        """Return the state of a stage at drive_now that was driven there from de-energised.
 
-        displacement: where the stage is known to be; the plays are led there by the loop that
-        ends at drive_now, where the model allows it.
+        displacement: measured position of the stage; where the model allows it, the plays are set
+        by the loop that ends at drive_now with this displacement.
         """
         h = self.model.hysteresis
         plays, nodes = np.zeros(h.n), self._nodes
@@ -228,8 +229,8 @@ class Compensator:
         return state
 
     def step(self, state: CompensatorState, window: Floats, n_valid: int, channels: Floats) -> None:
-        """Propose a drive: see state.drive. window: (P,) targets from the present one on, of
-        which n_valid count; channels: values in the order of `self.channels`."""
+        """Propose a drive in state.drive. window: (P,) targets from the present one on, of which
+        the first n_valid are valid; channels: values in the order of `self.channels`."""
         if state.pending:
             self.applied(state, state.drive)
         if state.channels.size:
@@ -238,14 +239,14 @@ class Compensator:
         state.pending = True
 
     def applied(self, state: CompensatorState, drive: float) -> None:
-        """The drive that really went out; the model's memory follows it. One call is one sample."""
+        """Advance the model's memory by one sample with the drive that was really applied."""
         sample.applied_at(state.address, drive, state.pending)
         state.pending = False
 
     def command(self, inside: Floats, start: float) -> Floats:
-        """Commands (N,) whose drive blocks pass on the drive `inside` (N,), within the limits.
+        """Return commands (N,), within the limits, that the drive blocks turn into `inside` (N,).
 
-        A delay of the drive is taken to be in the targets already.
+        The targets are assumed to compensate a delay of the drive already.
         """
         rate = np.gradient(inside, self.period_s) if inside.size > 1 else np.zeros(inside.size)
         out = np.empty(inside.size)
@@ -258,15 +259,15 @@ class Compensator:
         return out
 
     def outside(self, drive: Floats, start: float) -> NDArray[np.bool_]:
-        """(N,) where a drive leaves the range or the rate that the model was identified in."""
+        """Return (N,) where a drive leaves the range or rate that the model was identified in."""
         v = self.model.validity
         rate = np.abs(np.diff(drive, prepend=start)) / self.period_s
         fast = rate > float(self._setting["valid_rate"][0]) * (1.0 + 1e-9)
         return fast | (drive < v.drive_min) | (drive > v.drive_max)
 
     def _led_to(self, drive: float, displacement: float) -> Floats:
-        """Plays at `drive` whose displacement is the nearest to `displacement` that a single loop
-        from either end of the range reaches."""
+        """Return the plays at `drive` whose displacement is nearest to `displacement`, among those
+        that a single loop from either end of the range reaches."""
         h = self.model.hysteresis
         best, plays = math.inf, np.zeros(h.n)
         for end in np.concatenate(

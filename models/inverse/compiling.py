@@ -1,6 +1,6 @@
-"""The inverse's kernels in two halves, for whoever compiles them in two processes.
+"""Compile the inverse's kernels in two halves, so that two processes can share the work.
 
-The half that plans ahead takes as long as all that `propose_drive` calls beside it.
+The half that plans ahead takes as long as everything else that `propose_drive` calls.
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ FLOATS = types.float64[::1]
 
 
 def plan_is_on_disk() -> bool:
-    """Whether some process has compiled `compile_plan`'s half and kept it."""
+    """Return whether the half of `compile_plan` is in the compilation cache on disk."""
     kept = Path(preview.propose.stats.cache_path)
     return any(kept.glob(f"{preview.__name__.rpartition('.')[2]}.propose-*.nbi"))
 
@@ -25,7 +25,7 @@ def compile_plan() -> None:
 
 
 def compile_beside_plan() -> None:
-    """Compile what a sample needs beside the plan."""
+    """Compile what a sample needs in addition to the plan."""
     lookahead.present.compile((INVERSE,))
     lookahead.gather_targets.compile((INVERSE,))
     lookahead.take_window.compile((INVERSE, FLOATS, types.int64))

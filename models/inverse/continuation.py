@@ -1,11 +1,11 @@
-"""What may come: targets beyond those that are known, and how far they are to be trusted.
+"""Extrapolate targets beyond the known ones, and weight them by how far they can be trusted.
 
 The exact causal inverse of the rate-dependent model is unstable (it would have to be
 1 / (1 - tau s)). The stable approximation here solves the same window as with preview, on targets
-that are continued from the past: the plan then holds y + tau y' + tau^2 y'' + ..., as far as the
-continuation is right. The slope and curvature of the continuation are the smaller ones of
-neighbouring estimates (minmod), so that a step or a corner is not taken for a speed; both fade
-out with the distance, and so does the trust in the continued targets.
+that are continued from the past: the plan then contains y + tau y' + tau^2 y'' + ..., as far as the
+continuation is right. Slope and curvature of the continuation are the smaller of two neighbouring
+estimates (minmod), so that a step or a corner is not taken for a speed; both fade out with
+distance, and so does the trust in the continued targets.
 """
 
 import math
@@ -34,10 +34,10 @@ def extend(
     low: float,
     high: float,
 ) -> None:
-    """Continue seq[:known] over seq[known:], in place; trust (same length) likewise.
+    """Continue seq[:known] into seq[known:], in place; set trust (same length).
 
-    y: (4,) the newest target and those one, two and three spacings before it; seq[known] lies
-    `ahead` spacings (0 < ahead <= 1) after the newest; low, high: where targets have been.
+    y: (4,) the newest target and those one, two and three spacings before it; seq[known] is
+    `ahead` spacings (0 < ahead <= 1) after the newest; low, high: limits of the continuation.
     """
     d1, d2, d3 = y[0] - y[1], y[1] - y[2], y[2] - y[3]
     bend = _smaller(d1 - d2, d2 - d3)

@@ -1,15 +1,16 @@
-"""Plan or static inverse: both run ahead from the same state over the known part of the window.
+"""Decide between the plan and the static inverse by simulating both over the known targets.
 
-Both are followed sample by sample with the model itself, the limits of drive and rate included. The
-plan is followed up to one of a few places along the window, and the static inverse takes over there
-until the next place: what that costs is the plan's terminal cost. The plan is used where, for one
-of the places,
+Both are simulated from the same state, sample by sample with the model itself and with the limits
+of drive and rate. The plan is followed up to one of a few places along the window, and the static
+inverse takes over from there to the next place: the cost of that part is the plan's terminal cost.
+The plan is used where, for one of the places,
 
     sqrt(cost of both) <= sqrt(cost of the static inverse alone) + allowance * noise * sqrt(samples)
 
-and is taken up again where it promises clearly less. A drive that comes from a plan stands some
-way off the static inverse's, its gap. Giving it up in one sample is a kick of gap * lag, the rate
-term's lag in samples; letting it fade by lag / (1 + lag) a sample is none.
+and a plan that was given up is used again where it predicts a clearly lower cost. The drive of a
+plan differs from the static inverse's by a gap. Dropping the gap in one sample kicks the stage by
+gap * lag, with the rate term's lag in samples; a gap that fades by the factor lag / (1 + lag) per
+sample does not.
 """
 
 import math
@@ -29,7 +30,7 @@ from dehyst.models.model import Floats
 
 @njit(cache=True, nogil=True, inline="always")
 def limited(inv: Inverse, u: float, last: float, samples: int) -> float:
-    """u within rate and range, so many samples after `last`."""
+    """Return u limited in rate and range, `samples` samples after `last`."""
     setting, limits = inv.setting[0], inv.static.limits[0]
     travel = setting.rate * setting.period * samples
     return min(max(u, last - travel, limits.low), last + travel, limits.high)
@@ -37,15 +38,15 @@ def limited(inv: Inverse, u: float, last: float, samples: int) -> float:
 
 @njit(cache=True, nogil=True, inline="always")
 def _run_on(inv: Inverse, h: Floats, last: float, u: float, samples: int) -> float:
-    """Displacement when the drive goes from `last` to u in so many samples. The plays h (n,) are
-    advanced."""
+    """Return the displacement when the drive goes from `last` to u in `samples` samples. The plays
+    h (n,) are advanced."""
     z, kh = move(inv.hysteresis.weights, h, u - inv.hysteresis.u_offset[0])
     return polynomial(inv.hysteresis.c, z + kh * (u - last) / (samples * inv.setting[0].period))
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _faded(inv: Inverse, h: Floats, gap: float, samples: int) -> float:
-    """What is left of a gap after a step of so many samples, by the lag at the plays h (n,)."""
+    """Return the rest of a gap after `samples` samples, from the lag at the plays h (n,)."""
     setting, hysteresis, limits = inv.setting[0], inv.hysteresis, inv.static.limits[0]
     if gap == 0.0:
         return 0.0
@@ -60,7 +61,7 @@ def _faded(inv: Inverse, h: Floats, gap: float, samples: int) -> float:
 
 @njit(cache=True, nogil=True, inline="always")
 def gap_of(inv: Inverse, h: Floats, last: float, target: float) -> float:
-    """How far the drive `last` is from the static inverse's for the same target."""
+    """Return the drive `last` minus the static inverse's drive for the same target."""
     if not math.isfinite(target):
         return 0.0
     home, _ = inverse_step(inv.static, h, last, target)
@@ -69,7 +70,7 @@ def gap_of(inv: Inverse, h: Floats, last: float, target: float) -> float:
 
 @njit(cache=True, nogil=True)
 def approach(inv: Inverse, target: float) -> float:
-    """The static inverse's drive with what is left of the gap."""
+    """Return the static inverse's drive plus the rest of the gap."""
     state = inv.state[0]
     home, _ = inverse_step(inv.static, inv.plays, state.last, target)
     state.gap = _faded(inv, inv.plays, state.gap, 1)
@@ -78,7 +79,7 @@ def approach(inv: Inverse, target: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _line(ahead: Floats, known: int, at: float) -> float:
-    """Target at any position among the known ones."""
+    """Return the target at any position among the known ones."""
     i = min(int(at + 1e-9), known - 1)
     q = at - i
     if q < 1e-6 or i + 1 >= known:
@@ -88,8 +89,8 @@ def _line(ahead: Floats, known: int, at: float) -> float:
 
 @njit(cache=True, nogil=True, inline="always")
 def _asked(inv: Inverse, j: int, i: int) -> float:
-    """Displacement that is asked of the hysteresis at sample i after node j: the target there, and
-    what the blocks take of it, which is known at the nodes."""
+    """Return the displacement required of the hysteresis at sample i of the interval that ends at
+    node j: the target there plus the blocks' correction, interpolated from the nodes."""
     setting, state, target = inv.setting[0], inv.state[0], inv.nodes.target
     per_node, known = setting.per_node, state.known
     end = setting.late + (j + 1.0) * per_node - 1.0
@@ -103,8 +104,8 @@ def _asked(inv: Inverse, j: int, i: int) -> float:
 def _plan_ahead(
     inv: Inverse, h: Floats, u: float, stride: int, first: int, end: int
 ) -> tuple[float, float]:
-    """Squared error of the plan from node `first` to `end`, every `stride` samples, and its last
-    drive. u: the drive before; the plays h (n,) there are advanced."""
+    """Return the plan's squared error from node `first` to `end`, every `stride` samples, and its
+    last drive. u: the drive before; the plays h (n,) at u are advanced."""
     state, x, per_node = inv.state[0], inv.plan, inv.setting[0].per_node
     cost = 0.0
     for j in range(first, end):
@@ -124,8 +125,8 @@ def _plan_ahead(
 def _static_ahead(
     inv: Inverse, h: Floats, u: float, gap: float, stride: int, first: int, end: int
 ) -> tuple[float, float, float]:
-    """Squared error of the static inverse from node `first` to `end`, while a gap fades, and the
-    drive and the gap that it ends with; h as in `_plan_ahead`."""
+    """Return the squared error of the static inverse from node `first` to `end` while a gap fades,
+    its last drive and the last gap; h as in `_plan_ahead`."""
     cost = 0.0
     for j in range(first, end):
         for i in range(stride - 1, inv.setting[0].per_node, stride):
@@ -140,16 +141,15 @@ def _static_ahead(
 
 @njit(cache=True, nogil=True)
 def _pays(inv: Inverse, share: float, noise: float, stride: int) -> bool:
-    """Whether the plan up to one of `looks` places along the known part of the window, and the
-    static inverse from there to the next place, cost no more than `share` of the static inverse
-    from the present state, and the noise. stride: samples from one that is looked at to the
-    next."""
+    """Return whether the plan up to one of `looks` places along the known part of the window, with
+    the static inverse from there to the next place, costs at most `share` of the static inverse
+    from the present state, plus the noise. stride: spacing of the samples that are compared."""
     setting, state = inv.setting[0], inv.state[0]
     look = max(inv.plan.size // TUNING.looks, 1)
     h, h_static, h_after = inv.ahead_plays, inv.static_plays, inv.after_plays
     h[:], h_static[:] = inv.plays, inv.plays
     u, v, gap, cost, other = state.last, state.last, state.gap, 0.0, 0.0
-    begin = np.int64(0)  # a plain 0 would be a type of its own, and compile what it goes to twice
+    begin = np.int64(0)  # a plain 0 has a type of its own: its callees would compile twice
     while begin + look < state.nodes:
         end = begin + look
         after = min(end + look, state.nodes)
@@ -171,7 +171,7 @@ def _pays(inv: Inverse, share: float, noise: float, stride: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _is_off(inv: Inverse) -> bool:
-    """Whether the static inverse from the present state will be off by more than the noise."""
+    """Return whether the static inverse from the present state will miss by more than the noise."""
     setting, state, h, begin = inv.setting[0], inv.state[0], inv.static_plays, np.int64(0)
     h[:] = inv.plays
     end = min(max(inv.plan.size // TUNING.looks, 1), state.nodes)
@@ -181,8 +181,8 @@ def _is_off(inv: Inverse) -> bool:
 
 @njit(cache=True, nogil=True)
 def choose_drive(inv: Inverse, error: float) -> None:
-    """Whether the plan is followed from this node on; error: its squared error at the nodes. While
-    that is within the noise the nodes alone are looked at."""
+    """Decide whether the plan is followed from this node on. error: its squared error at the nodes;
+    while it is within the noise, only the nodes are compared."""
     setting, state, share, stride, pays = inv.setting[0], inv.state[0], TUNING.gain, 1, False
     noise = TUNING.allowance * setting.noise
     if state.followed != 0:
@@ -190,6 +190,6 @@ def choose_drive(inv: Inverse, error: float) -> None:
         share = 1.0
         if error <= state.nodes * noise * noise:
             stride = setting.per_node
-            # a plan that is all that is left of a window is followed to its end
+            # a plan that covers the rest of the window is followed to its end
             pays = state.nodes <= inv.plan.size // TUNING.looks or _is_off(inv)
     state.followed = 1 if pays or _pays(inv, share, noise, stride) else 0

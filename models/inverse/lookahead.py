@@ -1,8 +1,8 @@
-"""Which targets are known, and what they are at the plan's nodes.
+"""Keep the known targets and interpolate them at the plan's nodes.
 
-Positions are counted in samples from the present one. What was known a sample ago is still known: a
-window that comes short, or not at all, is made up from the one before, as long as both agree where
-they overlap. Targets that have passed are kept in a ring, for derivatives and continuation.
+Positions are counted in samples from the present one. Targets known from the previous sample remain
+known: a window that is short or missing is completed from the previous one, as long as both agree
+where they overlap. Passed targets are kept in a ring, for derivatives and continuation.
 """
 
 import math
@@ -22,7 +22,7 @@ PAST = 3  # nodes before the first one, for derivatives
 
 @njit(cache=True, nogil=True)
 def take_window(inv: Inverse, window: Floats, valid: int) -> int:
-    """Take the newest window (`valid` targets of it) into `inv.ahead`: how many are known now."""
+    """Copy `valid` targets of the newest window to `inv.ahead`; return how many are known."""
     state, ahead = inv.state[0], inv.ahead
     valid = min(valid, ahead.size)
     same = valid < state.known
@@ -36,7 +36,7 @@ def take_window(inv: Inverse, window: Floats, valid: int) -> int:
 
 @njit(cache=True, nogil=True)
 def pass_on(inv: Inverse) -> None:
-    """A sample has passed: the present target goes into the ring, the others move up."""
+    """Advance by one sample: push the present target onto the ring and shift the rest."""
     state, ahead, ring = inv.state[0], inv.ahead, inv.ring
     if state.known == 0:
         return
@@ -50,7 +50,7 @@ def pass_on(inv: Inverse) -> None:
 
 @njit(cache=True, nogil=True)
 def _at(inv: Inverse, state: Any, i: int) -> float:
-    """Target at a whole position; before the first known one and after the last: those."""
+    """Return the target at an integer position; outside the known ones, the first or the last."""
     if i >= 0:
         return inv.ahead[min(i, state.known - 1)]
     if state.ring_fill == 0:
@@ -61,7 +61,7 @@ def _at(inv: Inverse, state: Any, i: int) -> float:
 
 @njit(cache=True, nogil=True)
 def interpolate_target(inv: Inverse, at: float) -> float:
-    """Target at any position: the cubic through four samples, a line at the window's end."""
+    """Return the target at any position by a cubic through four samples; linear at the end."""
     state = inv.state[0]
     i = math.floor(at + 1e-9)
     q = at - i
@@ -81,8 +81,8 @@ def interpolate_target(inv: Inverse, at: float) -> float:
 
 @njit(cache=True, nogil=True)
 def gather_targets(inv: Inverse) -> None:
-    """Targets at the nodes, undone to the hysteresis, into `inv.nodes`; continued where the window
-    ends before the plan."""
+    """Write the targets at the nodes, with the blocks undone, to `inv.nodes`; continue them where
+    the window ends before the plan."""
     setting, state, trust, seq = inv.setting[0], inv.state[0], inv.nodes.trust, inv.seq
     per_node, n = setting.per_node, inv.plan.size
     newest = state.known - 1
@@ -107,7 +107,7 @@ def gather_targets(inv: Inverse) -> None:
     for j in range(n):
         target[j] = seq[PAST + j]
     if setting.beside != 0:
-        # Along the plan of the node before, which will change but little.
+        # Along the previous node's plan, which will change only a little.
         drives, add = inv.trial, inv.nodes.rows[0]
         drives[:] = state.last
         if state.begun != 0:
@@ -120,7 +120,7 @@ def gather_targets(inv: Inverse) -> None:
 
 @njit(cache=True, nogil=True)
 def present(inv: Inverse) -> float:
-    """The present target, undone to the hysteresis and what stands beside it."""
+    """Return the present target with the stage blocks undone: hysteresis and parallel blocks."""
     setting, state = inv.setting[0], inv.state[0]
     late, period = setting.late, setting.period
     if setting.stage_blocks == 0:
@@ -137,7 +137,7 @@ def present(inv: Inverse) -> float:
 
 @njit(cache=True, nogil=True)
 def see(inv: Inverse) -> None:
-    """Widen the range of the targets so far by the present and the newest one."""
+    """Widen the range of all targets until now by the present and the newest one."""
     state = inv.state[0]
     first, newest = inv.ahead[0], inv.ahead[state.known - 1]
     state.seen_low = min(state.seen_low, first, newest)
@@ -146,7 +146,7 @@ def see(inv: Inverse) -> None:
 
 @njit(cache=True, nogil=True)
 def forget_plan(inv: Inverse) -> None:
-    """Begin anew: nothing is known of what has passed."""
+    """Restart: forget all passed targets."""
     state = inv.state[0]
     begin_undoing(inv.chain, inv.blocks)
     state.ring_fill = 0

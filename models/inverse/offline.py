@@ -1,9 +1,9 @@
-"""The inverse of a whole trajectory, and the daemon's inverse without the daemon.
+"""Invert a whole trajectory, and run the daemon's inverse without the daemon.
 
-A whole trajectory is solved as one window: the static inverse, the preview's sweeps to convergence,
-and both refined with the exact Jacobian (dehyst.models.inverse.refine). The preview's own drive is
-one more candidate. The one whose predicted error is least is kept; it is never worse than the
-preview's.
+A whole trajectory is solved as one window. The candidates are the static inverse, the preview's
+sweeps to convergence, and refinements of the sweeps and of the preview's drive with the exact
+Jacobian (dehyst.models.inverse.refine). The preview's own drive is one more candidate. The one with
+the least predicted error is kept, so the result is never worse than the preview.
 """
 
 import math
@@ -25,9 +25,8 @@ UNREACHABLE = sample.BEYOND_DRIVE | sample.BEYOND_SATURATION
 @dataclass(frozen=True)
 class Inverted:
     """drive, predicted displacement, predicted reading: (N,); flags: (N,) int64 bits as in
-    dehyst.models.inverse.compensator; mode: how the drive was made; rms: of the predicted error
-    where no flag says that the target cannot be reached, once the approach is over; NaN:
-    nowhere."""
+    dehyst.models.inverse.compensator; mode: how the drive was computed; rms: of the predicted
+    error after the approach, over samples whose target can be reached; NaN: there are none."""
 
     drive: Floats
     predicted: Floats
@@ -40,7 +39,7 @@ class Inverted:
 def _targets(
     comp: Compensator, start: CompensatorState, target: Floats, channels: Floats
 ) -> Floats:
-    """Displacements of the hysteresis: delays shifted out, stage blocks undone."""
+    """Return the displacements of the hysteresis: delays shifted out, stage blocks undone."""
     late = comp.delay_s / comp.period_s
     at = np.arange(target.size)
     seq = np.interp(at + late, at, target) if late else target.copy()
@@ -55,7 +54,7 @@ def _targets(
 def _replayed(
     comp: Compensator, start: float, drive: Floats, target: Floats, channels: Floats
 ) -> tuple[Floats, Floats]:
-    """What the model says of a drive: displacement and reading (N,)."""
+    """Return the displacement and reading (N,) that the model predicts for a drive."""
     state = comp.init(start)
     y, reading = np.empty(drive.size), np.empty(drive.size)
     for i, u in enumerate(drive.tolist()):
@@ -69,8 +68,8 @@ def _replayed(
 def invert_streamed(
     comp: Compensator, target: Floats, channels: Floats | None = None, start: float | None = None
 ) -> Inverted:
-    """Exactly what the daemon would do with this compensator: each sample sees
-    `comp.window_samples` targets from its own on; the last one holds after the end. Arguments as
+    """Compute exactly what the daemon would do with this compensator: each sample sees
+    `comp.window_samples` targets from its own on; the last target holds after the end. Arguments as
     for `invert_trajectory`."""
     target = np.ascontiguousarray(target, np.float64)
     n, width = target.size, comp.window_samples
@@ -95,13 +94,13 @@ def invert_streamed(
 def invert_trajectory(
     comp: Compensator, target: Floats, channels: Floats | None = None, start: float | None = None
 ) -> Inverted:
-    """Drive (N,) for a whole trajectory (N,), sampled with the compensator's period.
+    """Return the drive (N,) for a whole trajectory (N,), sampled at the compensator's period.
 
-    Not worse than `invert_streamed` with the same compensator, by the model: neither once the
-    approach is over, which is what ranks the candidates, nor with it.
+    By the model's prediction it is not worse than `invert_streamed` with the same compensator,
+    neither after the approach (the error that ranks the candidates) nor including it.
 
-    channels: (N, number of comp.channels) values of the model's further channels; start: drive at
-    which the stage stands before the first sample, None: 0 or the end of the range next to it.
+    channels: (N, number of comp.channels) values of the model's further channels; start: drive
+    before the first sample, None: 0 or the end of the range next to it.
     """
     streamed = invert_streamed(comp, target, channels, start)
     if not comp.planned or target.size < 8:
@@ -138,7 +137,7 @@ def invert_trajectory(
 
 
 def _settled(error: Floats, flags: NDArray[np.int64], comp: Compensator) -> NDArray[np.bool_]:
-    """(N,) where the target can be reached, the approach from where the stage rests left out."""
+    """Return (N,) where the target can be reached, without the approach from the start."""
     inside = (flags & UNREACHABLE) == 0
     arrived = inside & (np.abs(error) <= TUNING.arrived * comp.noise)
     over = int(np.argmax(arrived)) + round(TUNING.settles_s / comp.period_s)

@@ -1,10 +1,10 @@
 """The rate-dependent inverse over a receding window of targets.
 
-Once per node (the sampling period, or about 1 ms where the loop is faster) the plan of the node
-before is shifted, extended, improved by a fixed number of Gauss-Newton sweeps
-(dehyst.models.inverse.window), held against the static inverse (dehyst.models.inverse.fallback) and
-its first node applied; between nodes the drive follows the cubic through the plan. Work and memory
-per node are constant; nothing is allocated in the loop.
+Once per node (the sampling period, or about 1 ms where the loop is faster) the previous node's plan
+is shifted, extended, improved by a fixed number of Gauss-Newton sweeps
+(dehyst.models.inverse.window) and compared with the static inverse
+(dehyst.models.inverse.fallback), and its first node is applied; between nodes the drive follows the
+cubic through the plan. Work and memory per node are constant; nothing is allocated in the loop.
 """
 
 import math
@@ -23,7 +23,7 @@ from dehyst.models.model import Floats
 
 @njit(cache=True, nogil=True)
 def _begin(inv: Inverse) -> int:
-    """Shift the plan by a node, or begin one; returns how many sweeps it gets."""
+    """Shift the plan by one node, or begin a plan; return the number of sweeps for it."""
     setting, state, limits = inv.setting[0], inv.state[0], inv.static.limits[0]
     x, frame = inv.plan, inv.nodes.frame[0]
     n = x.size
@@ -49,7 +49,7 @@ def _begin(inv: Inverse) -> int:
 
 @njit(cache=True, nogil=True)
 def _static_nodes(inv: Inverse) -> None:
-    """The static inverse from node to node, into `inv.trial`."""
+    """Compute the static inverse from node to node into `inv.trial`."""
     h, v, travel = inv.ahead_plays, inv.state[0].x_0, inv.nodes.frame[0].travel
     h[:] = inv.plays
     for j in range(inv.trial.size):
@@ -61,8 +61,8 @@ def _static_nodes(inv: Inverse) -> None:
 
 @njit(cache=True, nogil=True)
 def improve(inv: Inverse) -> float:
-    """One node's work: shift the plan and sweep; one that has lost its way begins again from the
-    static inverse. Returns its squared error at the nodes."""
+    """Do one node's work: shift the plan and sweep. A plan that is much worse than the static
+    inverse is replaced by it. Return the plan's squared error at the nodes."""
     setting, state, nodes = inv.setting[0], inv.state[0], inv.nodes
     x, trial, h_0, h = inv.plan, inv.trial, inv.plays, inv.ahead_plays
     sweeps = _begin(inv)
@@ -85,7 +85,7 @@ def improve(inv: Inverse) -> float:
             error, rough = new_error, new_rough
             state.damping = max(0.3 * state.damping, 1e-9 * most)
         if abs(gain) < little:
-            break  # the next one would gain no more
+            break  # the next sweep would not gain more
         if gain > 0.0:
             continue
         state.damping = min(4.0 * state.damping, most)
@@ -102,8 +102,8 @@ def improve(inv: Inverse) -> float:
 
 @njit(cache=True, nogil=True)
 def propose(inv: Inverse, guarded: bool) -> float:
-    """Drive at the hysteresis for the present sample. At phase 0 `inv.nodes` holds the window, and
-    the plan is improved first. guarded: the static inverse takes over from a plan that is worse."""
+    """Return the drive at the hysteresis for the present sample. At phase 0 `inv.nodes` holds the
+    window, and the plan is improved first. guarded: the static inverse replaces a worse plan."""
     setting, state, x = inv.setting[0], inv.state[0], inv.plan
     if state.phase == 0:
         error = improve(inv)
@@ -123,7 +123,7 @@ def propose(inv: Inverse, guarded: bool) -> float:
 
 @njit(cache=True, nogil=True)
 def speed(inv: Inverse) -> float:
-    """Rate of the plan's drive at the present sample."""
+    """Return the rate of the plan's drive at the present sample."""
     setting, state = inv.setting[0], inv.state[0]
     q = (state.phase + 1.0) / setting.per_node
     rise = 6.0 * q * (1.0 - q) * (inv.plan[0] - state.x_0)
@@ -133,13 +133,13 @@ def speed(inv: Inverse) -> float:
 
 
 def smoothness(nodes: int, node_s: float, slope: float) -> Floats:
-    """(P,) weights of the second differences of a plan; stiff at its end: the terminal cost."""
+    """Return (P,) weights of a plan's second differences; stiff at the end as terminal cost."""
     base = TUNING.smooth * slope**2 * max((1e-3 / node_s) ** 4, TUNING.least_smooth)
     at = np.arange(1, nodes + 1) / nodes
     return base * (1.0 + TUNING.stiff_end * at**TUNING.stiff_power)
 
 
 def nodes_of(seconds: float, period_s: float) -> tuple[int, int]:
-    """How many nodes a window has, and samples from one to the next."""
+    """Return the number of nodes of a window, and the number of samples per node."""
     per_node = max(1, round(TUNING.node_s / period_s))
     return min(max(4, math.floor(seconds / (per_node * period_s) + 0.5)), 2000), per_node

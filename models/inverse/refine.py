@@ -1,8 +1,8 @@
-"""A whole trajectory as one window: Gauss-Newton sweeps, and their refinement.
+"""Solve a whole trajectory as one window: Gauss-Newton sweeps, and their refinement.
 
 The sweeps take all operators as moving (dehyst.models.inverse.window). In the exact Jacobian an
-operator that stands still keeps the drive of the sample in which it last moved, dH_i(t)/du = 1
-there and 0 elsewhere; the sweeps are blind to that.
+operator at rest depends on the drive of the sample in which it last moved: dH_i(t)/du = 1 for that
+sample and 0 elsewhere. The sweeps ignore that.
 """
 
 from typing import NamedTuple
@@ -20,11 +20,11 @@ from dehyst.models.inverse.tuning import TUNING
 from dehyst.models.inverse.window import evaluate, gauss_newton_step
 from dehyst.models.model import Floats
 
-HELD = 1e12  # times slope^2: a damping that nothing moves
+HELD = 1e12  # times slope^2: damping that fixes a sample
 
 
 class Exact(NamedTuple):
-    """error (N,), and the Jacobian as triplets: row, col, value."""
+    """Error (N,), and the Jacobian as triplets row, col, value."""
 
     error: NDArray[np.float64]
     row: NDArray[np.int64]
@@ -36,7 +36,7 @@ class Exact(NamedTuple):
 def _exact(
     hysteresis: Operators, x: Floats, x_0: float, h: Floats, dt: float, target: Floats, out: Exact
 ) -> int:
-    """Error and exact Jacobian into `out`; h (n,) at x_0 is advanced. Returns the triplets."""
+    """Write error and exact Jacobian to `out`; advance h (n,) at x_0. Return the triplet count."""
     weights, c, u_offset = hysteresis.weights, hysteresis.c, hysteresis.u_offset[0]
     error, row, col, value = out.error, out.row, out.col, out.value
     n = h.size
@@ -80,9 +80,9 @@ def _exact(
 def refine(
     comp: Compensator, x: Floats, start: CompensatorState, target: Floats, kept: int
 ) -> Floats:
-    """Levenberg-Marquardt with the exact Jacobian from a drive x (N,), within drive range and rate.
+    """Refine a drive x (N,) by Levenberg-Marquardt with the exact Jacobian, in range and rate.
 
-    The first `kept` samples stay as they are.
+    The first `kept` samples are not changed.
     """
     n = x.size
     dt = comp.period_s
@@ -127,7 +127,7 @@ def refine(
 
 @njit(cache=True, nogil=True)
 def _limit(x: Floats, x_0: float, low: float, high: float, travel: float) -> None:
-    """Bring a drive into range and rate, in place."""
+    """Limit a drive to range and rate, in place."""
     now = x_0
     for j in range(x.size):
         now = min(max(x[j], now - travel, low), now + travel, high)
@@ -135,14 +135,14 @@ def _limit(x: Floats, x_0: float, low: float, high: float, travel: float) -> Non
 
 
 def within(comp: Compensator, x: Floats, x_0: float) -> Floats:
-    """A drive x (N,) from x_0 on, brought into range and rate."""
+    """Return a drive x (N,) that starts from x_0, limited to range and rate."""
     out = np.ascontiguousarray(x)
     _limit(out, x_0, comp.low, comp.high, comp.rate * comp.period_s)
     return out
 
 
 def swept(comp: Compensator, x: Floats, start: CompensatorState, target: Floats) -> Floats:
-    """Gauss-Newton sweeps over the whole trajectory."""
+    """Improve a drive x (N,) by Gauss-Newton sweeps over the whole trajectory."""
     n, dt = x.size, comp.period_s
     smooth = np.full(n, TUNING.whole_smooth * comp.slope**2 * (1e-3 / dt) ** 4)
     frame = np.zeros(1, FRAME)

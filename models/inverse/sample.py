@@ -1,4 +1,4 @@
-"""The compensator's kernels: propose a drive for one sample, follow the applied one."""
+"""The compensator's kernels: propose a drive for one sample, advance by the applied one."""
 
 import math
 
@@ -30,8 +30,8 @@ def _cascade(inv: Inverse) -> Cascade:
 
 @njit(cache=True, nogil=True)
 def aside(inv: Inverse, y: float) -> float:
-    """What the blocks beside the hysteresis will add when the static inverse makes the rest of the
-    displacement y: by secants, as near as can be."""
+    """Return what the blocks parallel to the hysteresis will add while the static inverse makes the
+    rest of the displacement y. The secant method finds it; the best iterate is returned."""
     setting, state = inv.setting[0], inv.state[0]
     if setting.beside == 0 or not math.isfinite(y):
         return state.beside
@@ -58,7 +58,7 @@ def aside(inv: Inverse, y: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _follow(inv: Inverse) -> tuple[float, float, int]:
-    """Drive at the hysteresis for the present target, its rate, and the mode that made it."""
+    """Return the drive at the hysteresis for the present target, its rate, and the mode used."""
     setting, state = inv.setting[0], inv.state[0]
     state.target_before = state.target
     target = lookahead.present(inv)
@@ -78,7 +78,8 @@ def _follow(inv: Inverse) -> tuple[float, float, int]:
 
 @njit(cache=True, nogil=True)
 def _rest(inv: Inverse) -> float:
-    """Drive of a hold at the hysteresis: what a plan left of a gap fades, then nothing moves."""
+    """Return the drive at the hysteresis while holding: a gap left by a plan fades, then the drive
+    is constant."""
     state = inv.state[0]
     if state.followed != 0:
         state.gap = fallback.gap_of(inv, inv.plays, state.last, state.target)
@@ -91,8 +92,8 @@ def _rest(inv: Inverse) -> float:
 
 @njit(cache=True, nogil=True)
 def propose_drive(inv: Inverse, window: Floats, n_valid: int) -> None:
-    """Propose a drive: fills `inv.result`. window: targets from the present sample on, of which
-    n_valid count."""
+    """Propose a drive: fill `inv.result`. window: targets from the present sample on, of which the
+    first n_valid are valid."""
     setting, state, limits = inv.setting[0], inv.state[0], inv.static.limits[0]
     valid, limit = 0, min(n_valid, window.size)
     while valid < limit and math.isfinite(window[valid]):
@@ -138,7 +139,7 @@ def propose_drive(inv: Inverse, window: Floats, n_valid: int) -> None:
 
 @njit(cache=True, nogil=True)
 def applied(inv: Inverse, u: float, stepped: bool) -> None:
-    """The drive u went out: advance the model by one sample."""
+    """Advance the model by one sample with the applied drive u."""
     setting, state, y = inv.setting[0], inv.state[0], inv.y
     state.time += setting.period
     time, dt = state.time, setting.period
@@ -150,7 +151,7 @@ def applied(inv: Inverse, u: float, stepped: bool) -> None:
         state.phase = (state.phase + 1) % setting.per_node
         lookahead.pass_on(inv)
         go_on_undoing(inv.chain, inv.blocks)
-    else:  # nobody asked: what was known and planned is void
+    else:  # no drive was proposed: known targets and the plan are void
         state.begun = state.followed = state.known = state.phase = 0
         state.gap, state.target = 0.0, np.nan
         begin_undoing(inv.chain, inv.blocks)
@@ -158,11 +159,11 @@ def applied(inv: Inverse, u: float, stepped: bool) -> None:
 
 @njit(cache=True, nogil=True)
 def step_at(address: int, window: Floats, n_valid: int) -> None:
-    """`propose_drive` for Python: the tuple by the address of its table."""
+    """Call `propose_drive` from Python, with the Inverse given by the address of its table."""
     propose_drive(inverse_at(address), window, n_valid)
 
 
 @njit(cache=True, nogil=True)
 def applied_at(address: int, u: float, stepped: bool) -> None:
-    """`applied` for Python."""
+    """Call `applied` from Python, with the Inverse given by the address of its table."""
     applied(inverse_at(address), u, stepped)

@@ -1,7 +1,7 @@
-"""What the inverse's kernels work on, by name: one tuple of arrays made once.
+"""Data of the inverse's kernels: one named tuple of preallocated arrays.
 
-`Inverse` is all of it. Python keeps the tuple; kernels get it from the table of addresses that is
-built from its own fields (dehyst.models.addresses), so that a call from Python costs one array.
+`Inverse` holds all of it. Python keeps the tuple; kernels read it through a table of addresses of
+its fields (dehyst.models.addresses), so that a call from Python passes one address.
 """
 
 from typing import NamedTuple
@@ -26,10 +26,10 @@ SETTING = np.dtype(
         ("valid_high", "<f8"),
         ("valid_rate", "<f8"),
         ("per_node", "<i8"),  # samples from node to node of the plan
-        ("planned", "<i8"),  # a plan is made
-        ("wanted", "<i8"),  # targets that the mode wants ahead; 0: none
+        ("planned", "<i8"),  # whether a plan is computed
+        ("wanted", "<i8"),  # targets that the mode needs ahead; 0: none
         ("stage_blocks", "<i8"),
-        ("beside", "<i8"),  # whether blocks add to the hysteresis
+        ("beside", "<i8"),  # whether blocks parallel to the hysteresis add to it
     ],
     align=True,
 )
@@ -47,38 +47,38 @@ STATE = np.dtype(
     [
         ("last", "<f8"),  # drive at the hysteresis
         ("command", "<f8"),  # applied last
-        ("beside", "<f8"),  # what blocks beside the hysteresis add
+        ("beside", "<f8"),  # what the blocks parallel to the hysteresis add
         ("time", "<f8"),
-        ("target", "<f8"),  # the present one, undone to the hysteresis; NaN: none
+        ("target", "<f8"),  # present target at the hysteresis, blocks undone; NaN: none
         ("target_before", "<f8"),
-        ("gap", "<f8"),  # how far the drive is still from the static inverse's, on the way to it
-        ("x_0", "<f8"),  # drive at the node before, and one node earlier
+        ("gap", "<f8"),  # drive minus the static inverse's, while it fades
+        ("x_0", "<f8"),  # drive at the previous node, and one node earlier
         ("x_before", "<f8"),
-        ("slope_0", "<f8"),  # of the drive at the nodes on either side, a node
+        ("slope_0", "<f8"),  # drive slope per node at the nodes on either side
         ("slope_1", "<f8"),
         ("damping", "<f8"),
-        ("seen_low", "<f8"),  # range of the targets so far
+        ("seen_low", "<f8"),  # range of the targets until now
         ("seen_high", "<f8"),
-        ("phase", "<i8"),  # samples since the node before
-        ("begun", "<i8"),  # whether a plan stands
-        ("followed", "<i8"),  # whether the plan is followed, or the static inverse
-        ("nodes", "<i8"),  # known ones
-        ("known", "<i8"),  # targets in `ahead`
-        ("ring_at", "<i8"),  # where the next target that has passed is put
+        ("phase", "<i8"),  # samples since the previous node
+        ("begun", "<i8"),  # whether a plan exists
+        ("followed", "<i8"),  # 1: the plan is followed; 0: the static inverse
+        ("nodes", "<i8"),  # how many nodes have a known target
+        ("known", "<i8"),  # how many targets are in `ahead`
+        ("ring_at", "<i8"),  # index in the ring for the next passed target
         ("ring_fill", "<i8"),
     ],
     align=True,
 )
 FRAME = np.dtype(
     [
-        ("x_0", "<f8"),  # the drive before the window, and one node before that
+        ("x_0", "<f8"),  # drive before the window, and one node earlier
         ("x_before", "<f8"),
         ("period", "<f8"),  # from node to node
         ("half", "<f8"),  # half a sampling period, in nodes
         ("low", "<f8"),
         ("high", "<f8"),
-        ("travel", "<f8"),  # largest, from node to node
-        ("spring", "<f8"),  # stiffness beyond these
+        ("travel", "<f8"),  # largest change from node to node
+        ("spring", "<f8"),  # stiffness beyond low, high and travel
     ],
     align=True,
 )
@@ -95,7 +95,7 @@ RESULT = np.dtype(
 
 
 class StaticTables(NamedTuple):
-    """The breakpoint walk's numbers: r, b (n,); c (m,); z_knots (K,); limits (1,) LIMITS."""
+    """Data of the breakpoint walk: r, b (n,); c (m,); z_knots (K,); limits (1,) LIMITS."""
 
     r: NDArray[np.float64]
     b: NDArray[np.float64]
@@ -105,7 +105,7 @@ class StaticTables(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """A plan's least-squares problem. target, trust, smooth: (P,); rows (4, P), bands (4, P):
+    """Least-squares problem of a plan. target, trust, smooth: (P,); rows (4, P), bands (4, P):
     scratch; frame: (1,) FRAME."""
 
     target: NDArray[np.float64]
@@ -117,12 +117,12 @@ class Nodes(NamedTuple):
 
 
 class Inverse(NamedTuple):
-    """Everything. setting (1,) SETTING; state (1,) STATE; result (1,) RESULT; plays (n,): operator
-    outputs of the stage; ahead_plays, static_plays, after_plays (n,): scratch; plan, trial (P,):
-    drives at the nodes; blocks, scratch: states of the cascade's blocks; ahead (W,): targets known
-    from the present sample on; ring: those that have passed; seq: targets while they are undone;
-    y (5,): what `advance` gives; channels: values of the model's further channels; targets: for a
-    compiled caller to fill."""
+    """All data of an inverse. setting (1,) SETTING; state (1,) STATE; result (1,) RESULT; plays
+    (n,): operator outputs of the stage; ahead_plays, static_plays, after_plays (n,): scratch; plan,
+    trial (P,): drives at the nodes; blocks, scratch: states of the cascade's blocks; ahead (W,):
+    targets known from the present sample on; ring: passed targets; seq: targets while the blocks
+    are undone; y (5,): output of `advance`; channels: values of the model's further channels;
+    targets: a compiled caller fills them."""
 
     hysteresis: Operators
     chain: Chain
@@ -159,5 +159,5 @@ _EXAMPLE = Inverse(
     *(14 * (_Z,)),
 )
 INVERSE = typeof(_EXAMPLE)
-"""numba's type of every Inverse."""
-inverse_at = tuple_reader(_EXAMPLE)  # the Inverse whose table lies at an address, for compiled code
+"""numba type of every Inverse."""
+inverse_at = tuple_reader(_EXAMPLE)  # Inverse by its table's address, for compiled code

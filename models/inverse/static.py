@@ -1,12 +1,13 @@
-"""The exact inverse of the rate-independent model, one sample at a time, without iteration.
+"""Invert the rate-independent model exactly, one sample at a time, without iteration.
 
-From a known state g(u) = sum_i b_i H_i(u) is piecewise linear in the next input u. Going up from
-the last input v, operator i joins at H_i + r_i; going down, at H_i - r_i. These breakpoints are
-in the order of the thresholds (H_{r+s} is a play of width s on H_r, so |H_i - H_j| <= r_i - r_j),
-and after the j-th the slope is the partial sum P_j. The walk subtracts each piece from what is
-left of the way until the rest fits into one piece: exact to rounding, at most n + 1 pieces.
+From a known state, g(u) = sum_i b_i H_i(u) is piecewise linear in the next input u. Going up from
+the last input v, operator i starts to move at H_i + r_i; going down, at H_i - r_i. These
+breakpoints are in the order of the thresholds (H_{r+s} is a play of width s on H_r, so
+|H_i - H_j| <= r_i - r_j), and after the j-th the slope is the partial sum P_j. The walk subtracts
+piece after piece from the remaining change of g until the rest fits into one piece: exact to
+rounding, at most n + 1 pieces.
 
-The saturation is undone before the walk, on its monotone branch
+The saturation is inverted before the walk, on its monotone branch
 (dehyst.models.hysteresis.saturation).
 """
 
@@ -32,10 +33,10 @@ BEYOND_DRIVE = 2  # the drive range ends before the displacement is reached
 def walk(
     r: Floats, b: Floats, h: Floats, last: float, v_min: float, v_max: float, z: float
 ) -> tuple[float, bool]:
-    """Input v with sum_i b_i H_i(v) = z, nearest to `last`, within [v_min, v_max].
+    """Return the input v nearest to `last` in [v_min, v_max] with sum_i b_i H_i(v) = z.
 
-    r, b: (n,) thresholds ascending and weights whose partial sums have one sign; h: (n,) operator
-    outputs after the input `last`, left as they are. Returns the input and whether z is reached.
+    r, b: (n,) ascending thresholds, and weights whose partial sums have one sign; h: (n,) operator
+    outputs after the input `last`, not changed. Returns the input and whether z is reached.
     """
     n = r.size
     rest = z
@@ -87,7 +88,7 @@ def walk(
 
 @njit(cache=True, nogil=True)
 def inverse_step(static: StaticTables, h: Floats, last: float, y: float) -> tuple[float, int]:
-    """Drive for the displacement y, and flags. h (n,): after the drive `last`; not advanced."""
+    """Return the drive for displacement y, and flags. h (n,): plays after `last`; not advanced."""
     limits = static.limits[0]
     u_offset, drive_min, drive_max = limits.u_offset, limits.low, limits.high
     y_first, y_last = limits.y_first, limits.y_last
@@ -115,10 +116,10 @@ def _inverse_array(
 
 @dataclass(frozen=True)
 class StaticInverse:
-    """Parameters of the exact inverse. State: plays h (n,) and the last drive, held by the caller.
+    """Parameters of the exact inverse. The caller holds the state: plays h (n,) and the last drive.
 
-    Made by `static_inverse`. Drive range in the drive unit; branch: where the saturation can be
-    undone.
+    `static_inverse` makes it. drive_min, drive_max: range [drive unit]; branch: where the
+    saturation can be inverted.
     """
 
     r: Floats
@@ -130,13 +131,13 @@ class StaticInverse:
 
     @property
     def tables(self) -> StaticTables:
-        """The numbers as kernels take them."""
+        """Return the parameters in the form that the kernels take."""
         s, limits = self.branch, np.zeros(1, LIMITS)
         limits[0] = (self.u_offset, s.y_first, s.y_last, self.drive_min, self.drive_max)
         return StaticTables(self.r, self.b, s.c, s.z_knots, limits)
 
     def step(self, h: Floats, last: float, y: float) -> tuple[float, int]:
-        """Drive for displacement y and flags (REACHED, BEYOND_SATURATION | BEYOND_DRIVE).
+        """Return the drive for displacement y, and flags: REACHED, or BEYOND_... bits.
 
         h: (n,) operator outputs after the drive `last`. Neither is changed: advance h with
         play_step(r, h, u - u_offset) by the drive that is really applied.
@@ -146,8 +147,8 @@ class StaticInverse:
     def run(
         self, y: Floats, h0: Floats | None = None, last: float = 0.0
     ) -> tuple[Floats, NDArray[np.int64]]:
-        """Drives (N,) and flags (N,) int64 for displacements y (N,), from the plays h0 after the
-        drive `last`; None: de-energised and standing at `last`."""
+        """Return drives (N,) and flags (N,) int64 for displacements y (N,), starting from the plays
+        h0 after the drive `last`; None: driven to `last` from de-energised."""
         h = np.zeros(self.r.size) if h0 is None else np.array(h0, dtype=np.float64)
         play_step(self.r, h, last - self.u_offset)
         y = np.ascontiguousarray(y, dtype=np.float64)
@@ -159,11 +160,11 @@ class StaticInverse:
 def static_inverse(
     model: Model, drive_min: float | None = None, drive_max: float | None = None
 ) -> StaticInverse:
-    """The exact inverse of the model's static part over a drive range (default: its validity).
+    """Return the exact inverse of the model's static part over a drive range (default: validity).
 
-    Raises NotInvertible where the weights b are not monotone, with the nearest monotone model's
-    price (`dehyst.models.hysteresis.monotone.nearest_monotone` makes it). Slopes k and blocks are
-    ignored.
+    Raises NotInvertible where the weights b are not monotone; the error states how far the nearest
+    monotone model is (`dehyst.models.hysteresis.monotone.nearest_monotone` computes it). Slopes k
+    and blocks are ignored.
     """
     h, v = model.hysteresis, model.validity
     low = v.drive_min if drive_min is None else drive_min

@@ -1,4 +1,4 @@
-"""A window of future drive values, improved by Gauss-Newton sweeps.
+"""Improve a window of future drive values by Gauss-Newton sweeps.
 
 The unknowns are drive values x_1 ... x_P at nodes spaced Tp; x_0 and x_-1 have been applied. At
 each node the model gives y_j = S(sum_i (b_i + k_i rate_j) H_i(x_j)), and a sweep lowers
@@ -9,10 +9,10 @@ The model's rate term makes the map from drive to displacement non-minimum-phase
 in time it explodes. Solved as one least-squares problem over the window, the unstable part is
 integrated backward from the window's end, where the smoothness s_j is made stiff to replace the
 unknown future. The Jacobian takes all operators as moving: dy_j = S' (W_j dx_j + K_j drate_j) with
-W = sum (b + k rate), K = sum k H. This is the slope over a full stroke; it is blind to the small
-operators that make the weights non-monotone after each reversal, and so does not lose its way in
-them. The drive range and the largest rate are part of the sum, as stiff springs beyond them. Three
-unknowns a row: the normal equations are pentadiagonal, and a sweep is O(P n).
+W = sum (b + k rate), K = sum k H. This is the slope over a full stroke; it ignores the small
+operators that make the weights non-monotone after each reversal, so they do not stall the
+iteration. The sum includes the drive range and the largest rate, as stiff springs beyond them. Each
+row has three unknowns: the normal equations are pentadiagonal, and a sweep is O(P n).
 
 The rate at a node is the model's backward difference over the sampling period T = Tp / M, taken
 from the parabola through three nodes; for M = 1 it is (x_j - x_{j-1}) / T exactly.
@@ -29,7 +29,7 @@ from dehyst.models.model import Floats
 
 @njit(cache=True, nogil=True)
 def between(a: float, b: float, slope_a: float, slope_b: float, q: float) -> float:
-    """The cubic from a to b with these slopes, at 0 < q <= 1."""
+    """Return the cubic from a to b with the slopes slope_a, slope_b at 0 < q <= 1."""
     p = 1.0 - q
     return (
         b * q * q * (3.0 - 2.0 * q)
@@ -42,9 +42,9 @@ def between(a: float, b: float, slope_a: float, slope_b: float, q: float) -> flo
 def evaluate(
     hysteresis: Operators, nodes: Nodes, x: Floats, h_0: Floats, h: Floats
 ) -> tuple[float, float]:
-    """Cost of a plan x (P,): weighted squared error, and roughness with what the springs take.
+    """Return the cost of a plan x (P,): weighted squared error, and roughness plus spring energy.
 
-    h_0: (n,) plays at x_0, left as they are; h: (n,) scratch. `nodes.rows` is overwritten with the
+    h_0: (n,) plays at x_0, not changed; h: (n,) scratch. `nodes.rows` is overwritten with the
     error and with dy_j / d(x_{j-1}, x_j, x_{j+1}).
     """
     weights, c, u_offset = hysteresis.weights, hysteresis.c, hysteresis.u_offset[0]
@@ -98,8 +98,8 @@ def evaluate(
 
 @njit(cache=True, nogil=True)
 def gauss_newton_step(nodes: Nodes, x: Floats, damping: float) -> None:
-    """One damped Gauss-Newton step from the plan x (P,): `nodes.rows` as `evaluate` left them;
-    on return the new plan is x - nodes.bands[3]."""
+    """Make one damped Gauss-Newton step from the plan x (P,), with `nodes.rows` as `evaluate` left
+    them; on return the new plan is x - nodes.bands[3]."""
     trust, smooth, rows, bands = nodes.trust, nodes.smooth, nodes.rows, nodes.bands
     frame = nodes.frame[0]
     x_0, x_before = frame.x_0, frame.x_before
