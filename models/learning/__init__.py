@@ -1,1 +1,1 @@
-"""Where a gauge is used: the slow trim, and what repeats learned from pass to pass."""
+"""Corrections from a gauge: the slow trim, and learning of repeating errors from pass to pass."""

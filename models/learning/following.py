@@ -1,9 +1,10 @@
-"""Whether the error follows the correction as a right gauge shows it on a stage like its model.
+"""Check that the error follows the correction as it does with a right gauge and a right model.
 
-A gauge that reads G times the place reports (G - 1) r for a target r that the stage is on, and
-follows a correction by the factor G; learning then puts that report into the motion. A stage whose
-gain differs from its model's looks the same, and learning would make it better. The two cannot be
-distinguished by the gauge alone, so what could make the stage worse is not learned.
+A gauge that reads G times the position reports the error (G - 1) r while the stage is at the target
+r, and its reading follows a correction by the factor G; learning would then add that false error to
+the motion. A stage whose gain differs from its model's looks the same, and learning would improve
+it. The gauge alone cannot distinguish the two, so an error that could make the stage worse is not
+learned.
 """
 
 from typing import Any
@@ -18,8 +19,8 @@ Spectrum = NDArray[np.complex128] | Floats
 
 
 class Following:
-    """Judges one pass after the other. target: (lines,) spectrum of a pass. `first`: (error,
-    correction) of the first pass that was judged, None: none yet."""
+    """Check one pass after another. target: (lines,) spectrum of a pass. `first`: (error,
+    correction) of the first pass that was checked, None: none yet."""
 
     def __init__(self, target: Spectrum) -> None:
         self._target = target[1:]
@@ -27,12 +28,12 @@ class Following:
         self._strange = 0  # passes in a row
 
     def begin_anew(self) -> None:
-        """What was reported of the error before counts no more."""
+        """Discard the errors of earlier passes."""
         self.first, self._strange = None, 0
 
     def wrong(self, e: Spectrum, u: Spectrum, noise: Floats) -> str:
-        """What is wrong with the gauge, in words, or "". (lines,) error, correction in force, power
-        of the noise."""
+        """Return what is wrong with the gauge as a message, or "". e, u, noise: (lines,) error,
+        correction in force, noise power."""
         if self.first is None:
             self.first = e, u
             return ""
@@ -52,8 +53,8 @@ class Following:
         )
 
     def _explains(self, factor: complex, noise: Floats) -> bool:
-        """Whether a gauge of this factor would account for nearly all of the first error, so that
-        the stage itself was closer to the target than learning would bring it."""
+        """Return whether a gauge with this factor would explain nearly all of the first error: the
+        stage itself was then closer to the target than learning would bring it."""
         if self.first is None or abs(factor - 1.0) < TUNING.follows_explained:
             return False
         error = self.first[0][1:]
@@ -65,11 +66,11 @@ class Following:
 
 
 def power_of(x: Spectrum) -> float:
-    """Sum of the lines' powers."""
+    """Return the sum of the lines' powers."""
     return float(np.sum(np.abs(x) ** 2))
 
 
 def _late(factor: complex) -> str:
-    """The phase in words, where there is one that matters."""
+    """Return the phase lag as text, or "" where it is negligible."""
     degrees = float(np.degrees(np.angle(factor)))
     return f" and {-degrees:.0f} degrees late" if -135.0 < degrees < -5.0 else ""

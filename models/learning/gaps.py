@@ -1,4 +1,4 @@
-"""Missing samples of a pass, and means over neighbours."""
+"""Handle missing samples of a pass, and average over neighbours."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from dehyst.models.model import Floats
 
 
 def say_missing(valid: NDArray[np.bool_]) -> str:
-    """In words, where too much of a pass has no reading."""
+    """Return a message where too much of a pass has no reading, else ""."""
     lost = int(np.count_nonzero(~valid))
     if not lost:
         return ""
@@ -20,7 +20,7 @@ def say_missing(valid: NDArray[np.bool_]) -> str:
 
 
 def bridge(x: Floats) -> Floats:
-    """Single missing samples by a straight line."""
+    """Fill missing samples by linear interpolation."""
     good = np.isfinite(x)
     if good.all():
         return x
@@ -29,7 +29,7 @@ def bridge(x: Floats) -> Floats:
 
 
 def running_mean(x: Floats, width: int) -> Floats:
-    """(n,) over `width` neighbours, fewer at the ends."""
+    """Return (n,) means over `width` neighbours, fewer at the ends."""
     width = min(width, x.size)
     total = np.cumsum(np.concatenate([[0.0], x]))
     first = np.maximum(np.arange(x.size) - width // 2, 0)

@@ -1,17 +1,16 @@
-"""Where the stage is while its gauge's filter still shows where it was.
+"""Estimate the stage's position where the filter of its gauge lags.
 
-Each step of the output makes a stage ring, and a reading taken soon behind it shows the ringing
-late. A filter of first order with the time constant tau reads r with tau dr/dt + r = x, so the
-stage is at x = r + tau dr/dt: what is missing is the rate of the reading at the moment at which it
-is taken. One reading a period does not show it. But no two passes are read at quite the same
-moments after the steps before: by chance each time differs a little, and what the reading then
-differs by is its rate. With v_j the step of the output j periods ago and d_j by how much longer ago
-it was than on average,
+Each step of the output makes a stage ring, and a reading taken soon after it shows the ringing
+late. A first-order filter with the time constant tau reads r with tau dr/dt + r = x, so the stage
+is at x = r + tau dr/dt, and the rate of the reading is needed at the time when it is taken. One
+reading per period does not show that rate. But the time between steps and readings varies a little
+at random from pass to pass, and the reading varies with it, in proportion to its rate. Let v_j be
+the step of the output j periods ago, and d_j how much longer ago it was than on average. Then
 
     reading - its mean at this place of the pass = sum_j g_j v_j d_j,      dr/dt = sum_j g_j v_j,
 
-of which the g_j follow by least squares over all passes. Nothing needs to be known of the modes.
-Where the times do not differ, or the readings do not tell, nothing is added.
+and the g_j follow by least squares over all passes. The modes need not be known. Where the times do
+not vary, or the readings do not show an effect, nothing is added.
 """
 
 import numpy as np
@@ -22,9 +21,9 @@ from dehyst.models.recording import Bools
 
 
 class LateGauge:
-    """Learns, pass by pass, by how much a stage is ahead of the readings of a gauge whose filter
-    has the time constant filter_s. `back`: so many steps are looked at; `anew`: the newest pass is
-    the first in which anything is reported."""
+    """Learn, pass by pass, how far a stage is ahead of the readings of a gauge whose filter has the
+    time constant filter_s. `back`: number of steps that are used; `anew`: the newest pass is the
+    first with an estimate other than 0."""
 
     def __init__(self, filter_s: float) -> None:
         self.filter_s, self.back = filter_s, TUNING.late_back
@@ -37,10 +36,10 @@ class LateGauge:
         self._power = 0.0
 
     def take(self, repeats: Floats, steps: Floats, since_s: Floats) -> Floats:
-        """(n,) by how much the stage is ahead in this pass; NaN counts for nothing.
+        """Return (n,) how far the stage is ahead in this pass; a pass with a NaN gives 0.
 
-        repeats: (n,) reading less what is asked for and what was learned; steps: (n, back) of the
-        output before each reading, the newest first; since_s: (n, back) how long ago each was.
+        repeats: (n,) reading minus target and learned correction; steps: (n, back) steps of the
+        output before each reading, the newest first; since_s: (n, back) time since each step.
         """
         ahead = self._ahead(repeats, steps, since_s)
         self.anew = not self._reported and bool(ahead.any())
@@ -52,7 +51,7 @@ class LateGauge:
         known &= np.isfinite(since_s).all(axis=1)
         self._begun += 1
         if not known.all() or self._begun <= TUNING.settling:
-            return np.zeros(repeats.size)  # a pass that is not learned from
+            return np.zeros(repeats.size)  # this pass is not learned from
         ago = np.arange(self.back) * float(np.median(np.diff(since_s, axis=1)))
         off = since_s - ago - float(np.median(since_s[:, 0]))
         usual = np.abs(off) <= TUNING.late_usual * float(np.median(np.abs(off)))
@@ -67,9 +66,9 @@ class LateGauge:
         return np.asarray(self.filter_s * weight * rate, np.float64)
 
     def _add(self, x: Floats, y: Floats, usual: Bools) -> None:
-        """Sums of squares about the mean of each place of the pass, brought up to date (B. P.
-        Welford, Technometrics 4, 1962, 419). usual: (n,) rows with times from which the rate may
-        be reported; a process that was held up by others tells a time that was not the output's."""
+        """Update the sums of squares about the mean at each place of the pass (B. P. Welford,
+        Technometrics 4, 1962, 419). usual: (n,) rows whose times are usable; a process that was
+        held up by others records a time that was not the output's."""
         self._passes += 1
         if self._mean_x is None or self._mean_y is None:
             self._mean_x, self._mean_y = x * usual[:, None], y.copy()
@@ -83,7 +82,7 @@ class LateGauge:
         self._mean_y += dy / self._passes
 
     def _rates(self) -> tuple[Floats, Floats]:
-        """The g_j (back,), and their covariance."""
+        """Return the g_j (back,) and their covariance; zeros where they cannot be estimated."""
         nothing = np.zeros(self.back), np.zeros((self.back, self.back))
         size = np.sqrt(np.diag(self._gram))
         if self._passes < TUNING.late_passes or self._mean_y is None or not size.min() > 0.0:

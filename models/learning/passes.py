@@ -1,32 +1,32 @@
-"""What repeats is learned from pass to pass (iterative learning control).
+"""Learn the repeating error from pass to pass (iterative learning control).
 
 A trajectory is played again and again. The error of pass k is e_k = d + P u_k + noise, with u_k
-the correction of the targets in force, d what the stage does again in each pass, and P close to
-1: the inverse has taken the stage's dynamics off. So D_k = e_k - u_k is an observation of d, and
+the correction of the targets in force, d the error that repeats in each pass, and P close to 1,
+because the inverse compensates the stage's dynamics. So D_k = e_k - u_k is an observation of d, and
 
     d_k = d_(k-1) + a_k (D_k - d_(k-1)),      u_(k+1) = -W_k d_k,
 
-which is u_(k+1) = u_k - a_k e_k where W = 1. The gain a_k is below one and falls as passes go on:
-the average over passes takes the noise off (Saab, IEEE Trans. Autom. Control 46, 2001; Bristow,
-Tharayil & Alleyne, IEEE Control Syst. Mag. 26, 2006: the survey). The first pass comes from
-elsewhere and is not learned from. W_k works on the spectrum of the whole pass and is real, so it is
-zero-phase: per frequency
+which is u_(k+1) = u_k - a_k e_k where W = 1. The gain a_k is below one and falls from pass to pass:
+the average over passes reduces the noise (Saab, IEEE Trans. Autom. Control 46, 2001; Bristow,
+Tharayil & Alleyne, IEEE Control Syst. Mag. 26, 2006: the survey). The first pass starts from
+another position and is not learned from. W_k acts on the spectrum of the whole pass and is real, so
+it is zero-phase. Per frequency,
 
     W = 1 - c v N / |d|^2, not below 0,
 
-with N the noise's spectrum and v N what the average has left of it (spectral subtraction: Boll,
-IEEE Trans. ASSP 27, 1979). N comes from the model's noise and from what differs between passes, so
-the filter is as wide as what repeats stands out, and nobody tunes it. A pass that ends where it
-began is taken as periodic, another one is mirrored at its ends (cosine transform), so that no edge
-rings.
+with N the noise's spectrum and v N the noise that remains in the average (spectral subtraction:
+Boll, IEEE Trans. ASSP 27, 1979). N comes from the model's noise and from the differences between
+passes, so the filter passes the frequencies at which the repeating error exceeds the noise, without
+tuning. A pass that ends where it began is treated as periodic; any other is mirrored at its ends
+(cosine transform), so that its edges do not ring.
 
-Contraction is checked where the correction has changed enough to be seen: P in each third of an
-octave, by regression of the change of the error on that of the correction. Where |1 - a P| is not
-below `contracts` and the error grows, nothing more is learned. When the error of whole passes has
-grown, the best correction comes back and the gain is halved. Where the error of the whole pass
-follows the correction by a factor far from 1 (a gauge of the wrong sign, scale or delay), the
-measured error may fall while the true one grows: the correction of the beginning comes back for
-good (models/learning/following.py).
+Contraction is checked where the correction has changed by enough: P is estimated in each third of
+an octave, by regression of the error's change on the correction's change. Where |1 - a P| is not
+below `contracts` and the error grows, that band is no longer learned. When the error of whole
+passes has grown, the best correction is restored and the gain is halved. Where the error of the
+whole pass follows the correction by a factor far from 1 (a gauge of the wrong sign, scale or
+delay), the measured error may fall while the true one grows: the initial correction is restored and
+learning stops (models/learning/following.py).
 """
 
 import math
@@ -46,10 +46,10 @@ from dehyst.models.model import Floats
 
 @dataclass(frozen=True)
 class Pass:
-    """One pass as telemetry has it, (n,) each. error: measured less target, NaN: no fresh reading;
-    used: correction in force; trimmed: the slow trim acts, so the mean is its business. What
-    the trim moves within a pass repeats with the rest. anew: from here on the error is reported
-    otherwise, and not to be compared with that of passes before."""
+    """One pass from telemetry, arrays (n,). error: measured minus target, NaN: no fresh reading;
+    used: correction in force; trimmed: the slow trim is active and handles the mean; its motion
+    within a pass repeats with the rest. anew: from this pass on the error is computed differently,
+    and must not be compared with earlier passes."""
 
     error: Floats
     used: Floats
@@ -59,9 +59,9 @@ class Pass:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a pass has taught. rms: of the error without the noise; mean: of the error; learned:
-    False where it was not learned from; says: why not, or what else is to be reported, or "";
-    width_hz: the highest frequency that is learned now; gain: of this pass."""
+    """Result of a pass. rms: of the error without the noise; mean: of the error; learned: whether
+    the pass was learned from; says: why not, or another message, or ""; width_hz: the highest
+    frequency that is learned now; gain: a_k of the next pass."""
 
     number: int
     rms: float
@@ -73,11 +73,11 @@ class Outcome:
 
 
 class Learner:
-    """Learns the correction of one trajectory.
+    """Learn the correction of one trajectory.
 
-    target: (n,) a pass, a point a period; period_s; noise: standard deviation of a reading;
-    bound: largest correction. `correction`: (n,) for the next pass. Raises BadInput on bad
-    arguments.
+    target: (n,) one pass, one point per period; period_s: sampling period; noise: standard
+    deviation of a reading; bound: largest correction; correction: (n,) one to start from.
+    `correction`: (n,) for the next pass. Raises BadInput on bad arguments.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class Learner:
     # -- one pass ---------------------------------------------------------------------------------
 
     def take(self, one: Pass) -> Outcome:
-        """Learn from a pass, or say why not."""
+        """Learn from a pass, or report why not."""
         self.passes += 1
         valid = np.isfinite(one.error)
         known = one.error[valid]
@@ -156,13 +156,13 @@ class Learner:
 
     @property
     def gain(self) -> float:
-        """a_k of the next pass that is learned from."""
+        """Return a_k of the next pass that is learned from."""
         falling = TUNING.gain / (1.0 + TUNING.falls * max(0, self.learned - 1))
         return self._factor * max(falling, TUNING.least_gain)
 
     @property
     def weights(self) -> Floats:
-        """(lines,) W."""
+        """Return (lines,) W."""
         power = np.abs(self._repeats) ** 2
         c = TUNING.subtract if self.closed else TUNING.subtract_real
         out = np.maximum(1.0 - c * self._left * self._noise_power / np.maximum(power, 1e-300), 0.0)
@@ -192,7 +192,7 @@ class Learner:
         return "; ".join(text for text in said if text)
 
     def _see_noise(self, change: Spectrum) -> None:
-        """The noise's spectrum from what differs between a pass and the average of those before."""
+        """Update the noise's spectrum from the difference of a pass to the earlier average."""
         power = np.abs(change) ** 2 / (1.0 + self._left)
         width = max(TUNING.noise_width, power.size // 200)
         seen = running_mean(power, width)
@@ -200,7 +200,7 @@ class Learner:
         self._noise_power = np.maximum(mixed, TUNING.least_noise * self.noise**2)
 
     def _contraction(self, e: Spectrum, u: Spectrum) -> str:
-        """Stop learning where the error does not follow the correction as it should."""
+        """Stop learning the bands in which the error does not follow the correction."""
         if self._before is None or self.learned < 2:
             return ""
         de, du = e - self._before[0], u - self._before[1]
@@ -220,7 +220,7 @@ class Learner:
         return f"no longer learned at {', '.join(stopped)}: the error does not follow there"
 
     def _does_not_follow(self, e: Spectrum, u: Spectrum) -> bool:
-        """Go back for good where the error of the whole pass does not follow the correction."""
+        """Restore the initial correction and stop where the pass' error does not follow it."""
         wrong = self._following.wrong(e, u, self._noise_power)
         if not wrong or self._following.first is None:
             return False
@@ -230,9 +230,9 @@ class Learner:
         return True
 
     def _growth(self, e: Spectrum, u: Spectrum) -> str:
-        """Go back to the best correction where the error has grown."""
+        """Restore the best correction where the error has grown."""
         figure = max(self._figure(e), 0.0)
-        if self._given_up is not None:  # what was sent before may still play
+        if self._given_up is not None:  # the old correction may still be played
             there = -self._repeats
             if power_of(u - there) > TUNING.taken_up * power_of(self._given_up - there):
                 return ""
@@ -254,13 +254,13 @@ class Learner:
         return "the error has grown: back to the best correction, with half the gain"
 
     def _figure(self, e: Spectrum) -> float:
-        """Mean square of a pass' error about its mean, less the noise's."""
+        """Return the mean square of a pass' error about its mean, minus the noise power."""
         twice = 2.0 if self.closed else 1.0
         return twice * float(np.sum(np.abs(e[1:]) ** 2 - self.noise**2)) / self.n
 
     def _unsettled(self, repeats: Floats) -> str:
-        """In words, where a first pass still comes from elsewhere: what repeats in a closed pass
-        is at its end what it was at its beginning."""
+        """Return a message where an early pass still settles, else "". In a settled closed pass the
+        repeating error is the same at the end as at the beginning."""
         if self._known or self.passes > TUNING.settling:
             return ""
         if self.passes == 1:
@@ -268,7 +268,7 @@ class Learner:
         if not self.closed:
             return ""
         m = min(max(TUNING.seam, self.n // 50), self.n // 2)
-        places = np.arange(m) + 0.5  # straight lines to both sides of the seam, which lies at 0
+        places = np.arange(m) + 0.5  # a straight line on each side of the seam at 0
         after = float(np.polyval(np.polyfit(places, repeats[:m], 1), 0.0))
         before = float(np.polyval(np.polyfit(-places[::-1], repeats[-m:], 1), 0.0))
         apart = before - after
@@ -277,7 +277,8 @@ class Learner:
         return f"it still settles, by {apart:+.3g} from its beginning to its end"
 
     def _knock(self, repeats: Floats) -> str:
-        """In words, where a pass differs from those before at one place far more than elsewhere."""
+        """Return a message where a pass differs from earlier ones at one place far more than
+        elsewhere, else ""."""
         if not (self.learned or self._known):
             return ""
         known = self._back(self._repeats)
@@ -296,12 +297,12 @@ class Learner:
             return f"a knock of {smooth[at]:+.3g} at {at * self.period_s:.3f} s"
         again = running_mean(repeats - doubted, TUNING.knock_smooth)
         if np.abs(again - np.median(again)).max() < TUNING.same * abs(smooth[at]):
-            self._begin_anew()  # twice the same: the stage has changed, nobody knocked
+            self._begin_anew()  # twice the same: the stage has changed, it was no knock
             return ""
         return f"a knock of {smooth[at]:+.3g} at {at * self.period_s:.3f} s"
 
     def _begin_anew(self) -> None:
-        """What was reported of the error before counts no more; what repeats is kept."""
+        """Discard the errors of earlier passes; keep the estimate of the repeating error."""
         self.learned, self._best, self._grown = min(self.learned, 1), None, 0
         self._before = self._doubted = None
         self._following.begin_anew()
@@ -321,13 +322,13 @@ class Learner:
         return np.asarray(scipy.fft.idct(x, norm="ortho"), np.float64)
 
     def _bounded(self, x: Floats) -> Floats:
-        """Within the bound: as a whole less, so that its shape stays."""
+        """Scale x down to the bound as a whole, so that its shape is kept."""
         most = float(np.abs(x).max())
         return x if most <= self.bound else x * (self.bound / most)
 
 
 def _thirds(hertz: Floats) -> list[slice]:
-    """Bands of a third of an octave, four lines or more."""
+    """Return bands of a third of an octave, each of four lines or more."""
     bands, first = [], 1
     while first < hertz.size:
         last = max(first + 4, int(np.searchsorted(hertz, hertz[first] * 2.0 ** (1.0 / 3.0))))
@@ -337,7 +338,7 @@ def _thirds(hertz: Floats) -> list[slice]:
 
 
 def fade_share(samples: NDArray[np.int64], over: int) -> Floats:
-    """(n,) share of the new correction so many samples after it was begun: 0 to 1, with no step in
-    it or in its slope."""
+    """Return (n,) the share of the new correction, `samples` after its beginning: it rises from 0
+    to 1 over `over` samples, without a step in value or slope."""
     share = np.clip((samples + 1.0) / max(1, over), 0.0, 1.0)
     return np.asarray(share * share * (3.0 - 2.0 * share), np.float64)

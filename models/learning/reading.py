@@ -1,4 +1,4 @@
-"""What the gauge should read while the stage is where it should be."""
+"""Predict the gauge's reading while the stage is at its target."""
 
 import numpy as np
 
@@ -7,9 +7,9 @@ from dehyst.models.physics import KINDS
 
 
 def expected_reading(model: Model, target: Floats, period_s: float) -> Floats:
-    """(n,) readings of a pass (n,) that is played again and again: the target, seen through the
-    lag, delay and whatever else the model says of its sensor. A model without sensor blocks
-    expects the target itself, so that what a late gauge shows is learned as an error."""
+    """Return (n,) readings of a pass (n,) that is played again and again: the target after the lag,
+    delay and other sensor blocks of the model. A model without sensor blocks predicts the target
+    itself; the lag of a late gauge is then learned as an error."""
     seen = np.concatenate([target, target])
     times = np.asarray(period_s * np.arange(seen.size), np.float64)
     for block in model.blocks:

@@ -1,24 +1,24 @@
-"""Slow trim: the gauge corrects the target slowly, so that the mean is right.
+"""Slow trim: correct the target slowly from the gauge, so that the mean position is right.
 
-The difference between the reading and what the model expected of it, d = y - y_model, is made up
-for by an integral correction of the target,
+An integral correction w of the target compensates the difference between the reading and the
+model's prediction of it, d = y - y_model:
 
     dw/dt = (-d - w) / T,        |w| <= limit,    |dw/dt| <= rate.
 
-The model is led by the drive that was really written, after range and slew, so d does not grow
-while the output stands at a limit: the anti-windup is part of the structure (internal model
-control: Morari & Zafiriou, Robust Process Control, 1989, ch. 3). With a model whose gain is right
+The model is driven by the drive that was really written, after range and slew limits, so d does not
+grow while the output is at a limit: the anti-windup is part of the structure (internal model
+control: Morari & Zafiriou, Robust Process Control, 1989, ch. 3). With a model of the right gain
 this is plain integral control of the target's error with the time constant T: a constant d leaves
 the error d exp(-t / T), by backward differences d (1 + h / T)^-n after n samples of h, and no
-frequency is amplified. A lag or delay L of the sensor that the model does not have leaves it
-stable for L / T < pi / 2 (`least_time_constant_s` keeps a margin).
+frequency is amplified. With a sensor lag or delay L that the model lacks, it is stable for
+L / T < pi / 2 (`least_time_constant_s` keeps a margin).
 
-Readings are judged before they count (`Why`). A frozen trim keeps its value, and goes on from it.
-A reading that has jumped is judged anew once it has kept its difference from the model for a while,
-at rest or in motion, and is plausible: close to the model itself, or to what the difference usually
-was. Either may be off by less than a jump, which would have been followed anyway, so a gauge that
-stays wrong moves nothing. Soon after the model's state has begun a difference up to the limit is
-plausible: then the state is in doubt, not the gauge.
+Readings are checked before they are used (`Why`). A frozen trim keeps its value and continues from
+it. A reading that has jumped is accepted again once its difference from the model has been constant
+for a while, at rest or in motion, and is plausible: close to the model itself, or to the usual
+difference. It may be off from either by less than a jump, which would have been followed anyway, so
+a gauge that stays wrong moves nothing. Soon after the model's state was initialised, a difference
+up to the limit is plausible: then the state is in doubt, not the gauge.
 """
 
 import math
@@ -35,25 +35,26 @@ from dehyst.models.physics.kind import Led, Shifted
 
 
 class Tuning(NamedTuple):
-    """Set by `python -m tests.benchmarks.daemon.learning`: rows on trim, staircase and faults."""
+    """Constants of the trim, set with `python -m tests.benchmarks.daemon.learning`: its rows on
+    trim, staircase and faults."""
 
-    time_constant_s: float = 0.3  # a step's creep is followed to 5 nm, and the gauge's noise is not
+    time_constant_s: float = 0.3  # follows a step's creep to 5 nm, but not the gauge's noise
     limit: float = 0.1  # of the reach
-    rate: float = 0.02  # of the reach, a second
-    belief: float = 2.0  # limits: a reading further from the model is not believed
-    jump: float = 0.25  # limits: the reading may move so far against the model within jump_s,
-    jump_share: float = 0.15  # and by this part of what the model has moved meanwhile
+    rate: float = 0.02  # of the reach, per second
+    belief: float = 2.0  # limits: a reading further from the model is rejected
+    jump: float = 0.25  # limits: how far the reading may move against the model within jump_s,
+    jump_share: float = 0.15  # plus this part of the model's motion in that time
     jump_s: float = 0.02
-    jump_samples: int = 4  # at the least: slow loops
+    jump_samples: int = 4  # lower limit of jump_s, for slow loops
     jump_noises: float = 6.0
-    back_s: float = 0.1  # a reading that is back for so long is believed again
-    settled_s: float = 2.0  # creep's and sensors' ringing is over, and a loose contact shows again
-    settled: float = 0.5  # jumps: a reading that keeps its difference so well is settled
-    usual_s: float = 300.0  # a drift that a gauge has taken back within a minute leaves no trace
-    young_s: float = 2.0  # of commanded motion: the model's state may lack what was before it
-    new_s: float = 0.2  # a model that is new finds its state along the drive: no jump is seen
-    stuck_noises: float = 10.0  # the model's way under a reading that stays the same
-    reported_s: float = 0.1  # what lasts shorter is not reported
+    back_s: float = 0.1  # a reading that is back for this long is accepted again
+    settled_s: float = 2.0  # creep and sensor ringing are over, and a loose contact shows again
+    settled: float = 0.5  # jumps: a difference that varies by less is settled
+    usual_s: float = 300.0  # long: a drift that a gauge reverses within a minute has no effect
+    young_s: float = 2.0  # of commanded motion: the model's state may lack earlier history
+    new_s: float = 0.2  # a new model finds its state along the drive: no jump is detected
+    stuck_noises: float = 10.0  # motion of the model while the reading does not change
+    reported_s: float = 0.1  # a shorter state is not reported
     margin: float = 4.0  # least time constant, in lags of the sensor
 
 
@@ -65,41 +66,41 @@ SETTING = np.dtype(
         ("on", "<i8"),
         ("time_constant_s", "<f8"),
         ("limit", "<f8"),
-        ("rate", "<f8"),  # a second
+        ("rate", "<f8"),  # per second
         ("period_s", "<f8"),
         ("jump", "<f8"),
         ("jump_s", "<f8"),
         ("belief", "<f8"),
         ("stuck", "<f8"),
-        ("learned", "<f8"),  # most of a learned correction that is taken
+        ("learned", "<f8"),  # largest learned correction that is accepted
     ]
 )
 STATE = np.dtype(
     [
         ("trim", "<f8"),  # in force, added to the target
-        ("aim", "<f8"),  # where the integral is; the trim follows at no more than the rate
+        ("aim", "<f8"),  # the integral; the trim follows it at no more than the rate
         ("zero", "<f8"),  # added to the reading
-        ("difference", "<f8"),  # reading minus model, over jump_s; NaN: none that is believed
-        ("seen", "<f8"),  # the same over reported_s, believed or not; NaN: no reading
-        ("moved", "<f8"),  # what the model moved in the last jump_s
-        ("predicted", "<f8"),  # the newest, NaN: none yet
-        ("reading", "<f8"),  # the newest that differed from the one before,
-        ("predicted_then", "<f8"),  # the model,
+        ("difference", "<f8"),  # reading minus model, averaged over jump_s; NaN: none accepted
+        ("seen", "<f8"),  # the same over reported_s, accepted or not; NaN: no reading
+        ("moved", "<f8"),  # motion of the model in the last jump_s
+        ("predicted", "<f8"),  # newest prediction, NaN: none yet
+        ("reading", "<f8"),  # newest reading that differed from the one before,
+        ("predicted_then", "<f8"),  # the prediction,
         ("aim_then", "<f8"),  # and the integral at that time
         ("since_s", "<f8"),  # time since the newest valid reading
         ("new_s", "<f8"),  # how long readings have been compared with this model
-        ("out_s", "<f8"),  # how long readings have been outside, or inside again
-        ("in_s", "<f8"),
-        ("usual", "<f8"),  # the difference over usual_s, of readings that are believed; NaN: none
-        ("anew", "<f8"),  # the difference since the jump, for so long; NaN: none yet
+        ("out_s", "<f8"),  # how long readings have been outside the jump limit
+        ("in_s", "<f8"),  # how long they have been inside
+        ("usual", "<f8"),  # difference over usual_s, of accepted readings; NaN: none
+        ("anew", "<f8"),  # difference since the jump, and its duration; NaN: none yet
         ("anew_s", "<f8"),
-        ("age_s", "<f8"),  # how long the stage was commanded with this state of the model,
-        ("jumped_s", "<f8"),  # and how long it had been when the reading jumped
+        ("age_s", "<f8"),  # how long the stage was commanded with this model state,
+        ("jumped_s", "<f8"),  # and age_s at which the reading jumped
         ("jumped", "<i8"),
         ("stuck", "<i8"),
         ("distrusted", "<i8"),
         ("why", "<i8"),  # Why, of the newest sample
-        ("lasting", "<i8"),  # the same, where it has lasted for reported_s
+        ("lasting", "<i8"),  # the newest that has lasted for reported_s
         ("why_s", "<f8"),
     ]
 )
@@ -118,8 +119,8 @@ def setting_of(
     limit: float | None = None,
     rate: float | None = None,
 ) -> NDArray[Any]:
-    """(1,) SETTING. reach: range of the displacements that the stage attains; noise: of a reading;
-    None: from the reach, see Tuning. All in the displacement unit."""
+    """Return (1,) SETTING. reach: range of displacements that the stage attains; noise: of a
+    reading; None: derived from the reach, see Tuning. All in the displacement unit."""
     out = np.zeros(1, SETTING)
     most = TUNING.limit * reach if limit is None else limit
     out["on"], out["period_s"], out["limit"] = on, period_s, most
@@ -134,14 +135,14 @@ def setting_of(
 
 
 def begin_trim() -> NDArray[Any]:
-    """(1,) STATE of a trim that has seen nothing."""
+    """Return (1,) STATE of a trim that has had no reading yet."""
     out = np.zeros(1, STATE)
     forget_trim(out[0])
     return out
 
 
 def sensor_lag_s(model: Model) -> float:
-    """Lag and delay of the model's sensor blocks together [s]."""
+    """Return the sum of lag and delay of the model's sensor blocks [s]."""
     total = 0.0
     for block in model.blocks:
         if block.place != "sensor":
@@ -157,13 +158,13 @@ def sensor_lag_s(model: Model) -> float:
 
 
 def least_time_constant_s(lag_s: float) -> float:
-    """The shortest time constant that a sensor with this lag and delay [s] leaves well damped."""
+    """Return the shortest well-damped time constant [s] for a sensor's lag and delay [s]."""
     return TUNING.margin * lag_s
 
 
 @njit(cache=True, nogil=True)
 def forget_trim(s: Any) -> None:
-    """Begin anew with readings and correction, as for another model; the gauge's zero stays."""
+    """Reset readings and correction, as for another model; keep the gauge's zero."""
     s.trim = s.aim = s.moved = s.since_s = s.new_s = s.out_s = s.in_s = s.why_s = 0.0
     s.difference = s.seen = s.predicted = s.reading = s.predicted_then = math.nan
     s.aim_then = s.age_s = s.jumped_s = s.anew_s = 0.0
@@ -173,7 +174,7 @@ def forget_trim(s: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def move_zero(s: Any, shift: float) -> None:
-    """The gauge's zero is taken to be `shift` further: readings are believed from here on."""
+    """Shift the gauge's zero by `shift`; readings are accepted from now on."""
     s.zero += shift
     s.difference = s.seen = s.reading = s.predicted_then = math.nan
     s.usual = s.anew = math.nan
@@ -183,10 +184,10 @@ def move_zero(s: Any, shift: float) -> None:
 
 @njit(cache=True, nogil=True)
 def take(p: Any, s: Any, reading: float, predicted: float, held: bool, running: bool) -> bool:
-    """One sample: judge the reading, move the trim. True when `lasting` has become another.
+    """Process one sample: check the reading, move the trim. Return True when `lasting` changed.
 
-    p: SETTING, s: STATE; reading: NaN where invalid, with the zero in it; predicted: what the
-    model expected of it; held: no new reading was due.
+    p: SETTING, s: STATE; reading: includes the zero, NaN where invalid; predicted: the model's
+    prediction of it; held: no new reading was due; running: the stage is commanded.
     """
     period = p.period_s
     s.since_s += period
@@ -209,7 +210,7 @@ def take(p: Any, s: Any, reading: float, predicted: float, held: bool, running: 
         goal = min(max(predicted - reading, -p.limit), p.limit)
         s.aim += dt / (p.time_constant_s + dt) * (goal - s.aim)
     elif why == STUCK:
-        s.aim = s.aim_then  # what a reading that stood still has moved
+        s.aim = s.aim_then  # undo what the stuck reading has moved
     elif why != NOTHING:
         s.aim = s.trim
     _move(p, s, running and why in (NOTHING, STUCK))
@@ -223,7 +224,7 @@ def take(p: Any, s: Any, reading: float, predicted: float, held: bool, running: 
 
 @njit(cache=True, nogil=True)
 def _move(p: Any, s: Any, moves: bool) -> None:
-    """The trim follows its aim."""
+    """Move the trim towards its aim, if it may move."""
     if moves and p.on != 0:
         most = p.rate * p.period_s
         s.trim += min(max(s.aim - s.trim, -most), most)
@@ -231,7 +232,7 @@ def _move(p: Any, s: Any, moves: bool) -> None:
 
 @njit(cache=True, nogil=True)
 def _judge(p: Any, s: Any, reading: float, predicted: float) -> int:
-    """Whether this reading is to be believed."""
+    """Return why this reading must not be used, or NOTHING."""
     if math.isnan(reading) or math.isnan(predicted):
         s.seen = math.nan
         return NO_READING
@@ -257,7 +258,7 @@ def _judge(p: Any, s: Any, reading: float, predicted: float) -> int:
             return BEYOND
         s.difference = difference
     if s.new_s < TUNING.new_s and not beyond:
-        # what the model has not seen of the drive shows here, and is no jump of the reading
+        # drive history that the model lacks shows here; it is not a jump of the reading
         s.new_s += dt
         s.difference = difference
     off = difference - s.difference
@@ -286,7 +287,7 @@ def _judge(p: Any, s: Any, reading: float, predicted: float) -> int:
 
 @njit(cache=True, nogil=True)
 def _judge_anew(p: Any, s: Any, dt: float) -> int:
-    """Whether a reading that has jumped is settled and plausible."""
+    """Return JUMPED or SETTLING, or NOTHING once a reading that jumped is settled and plausible."""
     unsettled = TUNING.settled * p.jump + TUNING.jump_share * s.moved
     if math.isnan(s.anew) or abs(s.seen - s.anew) > unsettled:
         s.anew, s.anew_s = s.seen, 0.0
