@@ -1,1 +1,1 @@
-"""The process with the deadline: step, targets, devices, the Python loop and the compiled one."""
+"""The real-time process: step, targets, devices, the Python loop and the compiled loop."""

@@ -1,8 +1,8 @@
-"""Further measured channels, such as a temperature, read beside the loop.
+"""Read further measured channels, such as a temperature, outside the loop.
 
-What a model's blocks need of them changes slowly: one thread reads each channel once in a while
-and leaves the value where the inverse finds it. A channel that fails keeps its last value, so that
-the output does not jump, and says so; it is tried again at every reading.
+The values that a model's blocks need change slowly: one thread reads each channel at intervals and
+stores the value where the inverse reads it. A channel that fails keeps its last value, so that the
+output does not jump; the failure is reported, and the channel is tried again at every reading.
 """
 
 import math
@@ -17,11 +17,11 @@ from dehyst.drivers.registry import load_sensor
 
 
 class Channels:
-    """The sensors of [channels.NAME], open; not the channels that follow an axis. Raises
+    """The open sensors of [channels.NAME], without the channels that follow an axis. Raises
     DriverError where one cannot be opened.
 
-    measured: called with the name and the value of each valid reading; report: with what went wrong
-    or right again, in words.
+    measured: called with the name and value of each valid reading; report: called with a message
+    when a channel fails or recovers.
     """
 
     def __init__(
@@ -47,14 +47,14 @@ class Channels:
             raise
 
     def start(self) -> None:
-        """Read each channel once, then go on beside the loop."""
+        """Read each channel once, then continue in a thread."""
         for name in self._sensors:
             self.read(name)
         if self._sensors:
             self._thread.start()
 
     def read(self, name: str) -> None:
-        """One reading; a failure is reported once, until it is another or over."""
+        """Take one reading. A failure is reported once, until it changes or ends."""
         config, sensor = self._configs[name], self._sensors[name]
         try:
             if self._said.get(name):

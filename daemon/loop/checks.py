@@ -1,6 +1,6 @@
-"""What must agree before a voltage moves: ranges, rates, and the last known output.
+"""Checks before a voltage moves: ranges, rates, and the last known output.
 
-Nothing here needs the compiler: `dehyst safe` must run when nothing else does.
+Nothing here needs the compiler, because `dehyst safe` must run when nothing else does.
 """
 
 import math
@@ -27,27 +27,28 @@ from dehyst.models.errors import BadInput
 
 REPLAY_SAMPLES = 20_000
 OUTPUT_AGREES_V = 1.0  # an MDT693B's readback is off by up to 0.3 V
-SPARE = 0.8  # share of the period that device calls may take
-OFFERED = 0.5  # the same at a rate that is offered: a report of the amplifier, and a reply that is
-# later than those that were timed, fit in (tests/benchmarks/daemon/deadlines_of_axes.py)
-REPORT_SPARE = 0.95  # the same in a sample that asks the amplifier for its report
+SPARE = 0.8  # part of the period that device calls may take
+OFFERED = 0.5  # the same at a suggested rate: it leaves room for a report of the amplifier and a
+# reply later than those that were timed (tests/benchmarks/daemon/deadlines_of_axes.py)
+REPORT_SPARE = 0.95  # the same in a sample that queries the amplifier for its output
 
 
 def devices_of(config: Config) -> tuple[Actuator, Sensor]:
-    """The configured drivers, made from their settings and not opened: no device is touched.
-    DriverConfigError names what is wrong with a driver's name or settings."""
+    """Return the configured drivers, made from their settings but not opened: no device is touched.
+    Raises DriverConfigError for a wrong driver name or setting."""
     actuator = load_actuator(config.actuator.driver).from_settings(config.actuator.settings)
     return actuator, load_sensor(config.sensor.driver).from_settings(config.sensor.settings)
 
 
 def check_unopened(config: Config) -> None:
-    """All that can be wrong with the devices before one is touched: drivers, their settings, limits
-    and rates beyond what the drivers know of their units. Raises BadInput or DriverConfigError."""
+    """Check the devices as far as possible before one is touched: drivers, their settings, and
+    limits and rates against what the drivers know of their units. Raises BadInput or
+    DriverConfigError."""
     actuator, _ = devices_of(config)
     for channel in config.channels.values():
         if channel.driver:
             load_sensor(channel.driver).from_settings(channel.settings)
-    spec = getattr(actuator, "spec", None)  # some know nothing before they are open
+    spec = getattr(actuator, "spec", None)  # some drivers know it only when they are open
     if spec is None:
         return
     check_limits(config, spec)
@@ -62,11 +63,11 @@ def check_unopened(config: Config) -> None:
 Specs = Sequence[tuple[DeviceSpec, DeviceSpec]]
 """(actuator, sensor) of each axis."""
 Joints = Sequence[tuple[Joint, tuple[int, ...]]]
-"""From `joined`."""
+"""Result of `joined`."""
 
 
 def check_rates(config: Config, actuator: DeviceSpec, sensor: DeviceSpec) -> int:
-    """How often the sensor is read (every n-th sample); BadInput where the loop is too fast."""
+    """Return n: the sensor is read every n-th sample. Raises BadInput if the loop is too fast."""
     rate = config.loop.rate_hz
     if rate > actuator.max_rate_hz:
         raise BadInput(
@@ -79,8 +80,8 @@ def check_rates(config: Config, actuator: DeviceSpec, sensor: DeviceSpec) -> int
 
 
 def check_rates_together(configs: Sequence[Config], specs: Specs, joints: Joints) -> list[int]:
-    """How often each axis' sensor is read; BadInput where the loop is too fast for all of them in
-    one period. The rate that is offered leaves room for late replies."""
+    """Return for each axis n: its sensor is read every n-th sample. Raises BadInput where the loop
+    is too fast for all of them in one period; the suggested rate leaves room for late replies."""
     rate, every = configs[0].loop.rate_hz, []
     for joint, places in joints:
         driven = slowest_number(joint, places)
@@ -109,7 +110,7 @@ def check_rates_together(configs: Sequence[Config], specs: Specs, joints: Joints
 
 
 def about_late_replies(rate_hz: float, specs: Specs, joints: Joints) -> list[str]:
-    """What to say of a rate that is sustained, and leaves no room for late replies."""
+    """Return a warning about a rate that is sustained but leaves no room for late replies."""
     io_s = calls_s(specs, joints, late=True)
     if io_s * rate_hz <= SPARE:
         return []
@@ -121,12 +122,12 @@ def about_late_replies(rate_hz: float, specs: Specs, joints: Joints) -> list[str
 
 
 def slowest_number(joint: Joint, places: tuple[int, ...]) -> int:
-    """How many of an amplifier's outputs are driven when setting them takes longest."""
+    """Return the number of driven outputs for which setting an amplifier takes longest."""
     return min(range(1, len(places) + 1), key=joint.rate_hz)
 
 
 def calls_s(specs: Specs, joints: Joints, late: bool) -> float:
-    """How long the device calls of a sample take [s]: usually, or where they are late."""
+    """Return the duration of a sample's device calls [s], usual or late."""
     alone, spent_s = set(range(len(specs))), 0.0
     for joint, places in joints:
         alone -= set(places)
@@ -140,14 +141,14 @@ def calls_s(specs: Specs, joints: Joints, late: bool) -> float:
 
 
 def offered_hz(specs: Specs, joints: Joints) -> float:
-    """The highest rate [Hz], with two digits, that leaves room for late replies."""
+    """Return the highest rate [Hz], to two digits, that leaves room for late replies."""
     highest = min(actuator.max_rate_hz for actuator, _ in specs)
     return _round_down(min(highest, OFFERED / calls_s(specs, joints, late=True)))
 
 
 def crowded(period_s: float, specs: Specs, joints: Joints) -> dict[int, tuple[int, ...]]:
-    """Axes, by their places, whose amplifier cannot be asked for its report in a sample that sets
-    the outputs too: (place: places of all outputs of that amplifier)."""
+    """Return the axes whose amplifier cannot be queried for its output in a sample that also sets
+    outputs: (index of the axis: indices of all outputs of that amplifier)."""
     together = {place: places for _, places in joints for place in places}
     io_s = calls_s(specs, joints, late=True)
     return {
@@ -158,8 +159,8 @@ def crowded(period_s: float, specs: Specs, joints: Joints) -> dict[int, tuple[in
 
 
 def joined(actuators: Sequence[Actuator]) -> list[tuple[Joint, tuple[int, ...]]]:
-    """Which of these open outputs belong to one amplifier, by their places; those that are alone
-    are left out."""
+    """Return which of these open outputs belong to one amplifier, by index; single outputs are left
+    out."""
     units: dict[tuple[type, str], list[int]] = {}
     for place, actuator in enumerate(actuators):
         if isinstance(actuator, Joinable):
@@ -174,20 +175,20 @@ def joined(actuators: Sequence[Actuator]) -> list[tuple[Joint, tuple[int, ...]]]
 
 
 def highest_rate(specs: Specs, joints: Joints) -> float:
-    """The highest loop rate [Hz], with two digits, that leaves these units room for late replies,
-    the sensors read at every sample; specs, joints: as `check_rates_together` has them."""
+    """Return the highest loop rate [Hz], to two digits, that leaves these units room for late
+    replies with the sensors read in every sample. specs, joints: as for `check_rates_together`."""
     slowest = min(sensor.max_rate_hz for _, sensor in specs)
     return min(offered_hz(specs, joints), _round_down(slowest))
 
 
 def _round_down(rate_hz: float) -> float:
-    """The next rate below with two digits."""
+    """Round a rate down to two digits."""
     step = 10.0 ** (math.floor(math.log10(rate_hz)) - 1)
     return step * math.floor(rate_hz / step)
 
 
 def check_limits(config: Config, spec: DeviceSpec) -> tuple[float, float]:
-    """The voltage range of this run; BadInput where the configuration asks more than the unit."""
+    """Return the voltage range of this run. Raises BadInput where it exceeds the unit's range."""
     limits = config.limits
     if limits.min_v < spec.minimum or limits.max_v > spec.maximum:
         raise BadInput(
@@ -200,13 +201,13 @@ def check_limits(config: Config, spec: DeviceSpec) -> tuple[float, float]:
 def past_output(
     config: Config, reported_v: float, actuator: Any = None
 ) -> tuple[NDArray[np.float64], list[str]]:
-    """Voltages written so far, oldest first, ending with what the output stands at now; and what
-    is to be said of them.
+    """Return the voltages written so far, oldest first and ending with the present output; and
+    messages about them.
 
-    An earlier core's ring knows them better than the unit's own report, as long as the two agree,
-    or the unit cannot be asked; otherwise the report alone is returned. actuator: the open one;
-    where its unit has no serial number, a report that does not agree raises ForeignUnit: it may be
-    another unit's.
+    The ring of an earlier core is more accurate than the unit's own report. It is used where the
+    two agree or the unit cannot report; otherwise the report alone is returned. actuator: the open
+    device; where its unit has no serial number, a report that disagrees raises ForeignUnit, because
+    it may be another unit.
     """
     reported, path = np.array([reported_v]), config.directory / "telemetry.ring"
     if not path.exists():
@@ -224,7 +225,7 @@ def past_output(
     if volts.size and inside.all() and (agrees or not asked):
         return volts, []
     unit = actuator.unit if isinstance(actuator, Identifiable) else None
-    step_v = config.limits.slew_v_per_s * config.period_ns * 1e-9  # written, and not noted yet
+    step_v = config.limits.slew_v_per_s * config.period_ns * 1e-9  # written, but not recorded yet
     if unit is None or unit.serial or not volts.size:
         return reported, []
     if abs(volts[-1] - reported_v) > OUTPUT_AGREES_V + step_v:

@@ -1,6 +1,6 @@
-"""Commands and the passing of time as kernels: set-points, trajectory points, requests, staleness.
+"""Kernels for commands and elapsed time: set-points, trajectory points, requests, staleness.
 
-The first part of a sample, see dehyst.daemon.loop.step_kernel.
+They are the first part of a sample, see dehyst.daemon.loop.step_kernel.
 """
 
 import math
@@ -28,11 +28,11 @@ from dehyst.daemon.rings.records import LoopCommand, State
 from dehyst.models.inverse.state import inverse_at
 from dehyst.models.learning import trim
 
-# walls against nonsense that passed the gateway; what is reachable is the inverse's to say
+# limits against invalid values that passed the gateway; the inverse checks what is reachable
 LARGEST_TARGET = 1e6
 LONGEST_OFFSET_NS = 10**9 * 86_400 * 365
 
-# enumerations as integers, which compile in less time
+# enumerations as integers, which compile faster
 READY, RUNNING = as_int64(State.READY), as_int64(State.RUNNING)
 HOLDING = as_int64(State.HOLDING)
 TARGET, HALT = as_int64(LoopEvent.TARGET), as_int64(LoopEvent.HALT)
@@ -54,13 +54,13 @@ ZEROED, BAD_CORRECTION = as_int64(Note.ZEROED), as_int64(Note.BAD_CORRECTION)
 
 @njit(cache=True, nogil=True)
 def admit(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
-    """Take one COMMAND record."""
+    """Execute one COMMAND record."""
     kind, value = command.kind, command.value
     if kind == TRUST:
         trim_of(table).distrusted = 0 if value != 0.0 else 1
         return
     if not takes(c, TARGET):
-        return  # the gateway has refused these with words; late ones are dropped here
+        return  # the gateway refuses these with a message; late ones are dropped here
     if not abs(value) <= LARGEST_TARGET or not abs(command.offset_ns) <= LONGEST_OFFSET_NS:
         add_note(table, c, BAD_VALUE, value)
     elif kind == SETPOINT:
@@ -84,7 +84,7 @@ def admit(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _position(table: Table, c: Any, p: Any) -> float:
-    """Where the stage is now: by the model, and by the trim that the gauge has made."""
+    """Return the stage's present position by the model, corrected by the trim."""
     return inverse_at(c.inverse).result[0].predicted - p.origin - trim_of(table).trim
 
 
@@ -113,7 +113,7 @@ def _point(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
     if command.members < 2:
         group = 0
     if group != 0 and group == c.left:
-        return  # this axis has left it, with words
+        return  # this axis has left the group, and reported it
     most = trim_setting_of(table).learned
     if not abs(correction) <= most:
         add_note(table, c, BAD_CORRECTION, correction)
@@ -126,7 +126,7 @@ def _point(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
         if c.group != 0 and c.group != group and c.trajectory_done == 0:
             c.left = c.group
         c.group = q.group = group
-        if group != 0:  # it stands at its first point until the others do
+        if group != 0:  # it waits at its first point until the others are at theirs
             q.members, q.stops, q.stop_ns = command.members, targets.LASTING, c.approach_until_ns
         c.trajectory, c.trajectory_done = command.trajectory, 0
         happens(c, TARGET, now_ns)
@@ -151,8 +151,8 @@ def _approach(
     correction: float,
     last: bool,
 ) -> None:
-    """Queue the way from `start` to a trajectory's first point at the approach speed. It takes
-    whole periods: the points of a trajectory that are a period apart are then samples."""
+    """Queue the motion from `start` to a trajectory's first point at the approach speed. It takes
+    a whole number of periods, so that trajectory points one period apart fall on samples."""
     q, points = queue_of(table), points_of(table)
     way_s = abs(value + correction - start) / p.approach_um_per_s
     way_ns = p.period_ns * max(1, math.ceil(way_s * 1e9 / p.period_ns - 1e-6))
@@ -170,13 +170,13 @@ def _hold(table: Table, c: Any, now_ns: int, why: int, hold_ns: int) -> None:
         add_note(table, c, why, 0.0)
         targets.clear(queue_of(table))
         c.hold_ns = hold_ns
-    elif c.state == HOLDING and c.stays != 0:  # a hold that would have lasted
+    elif c.state == HOLDING and c.stays != 0:  # a hold without time limit
         c.since_ns, c.hold_ns, c.stays = now_ns, hold_ns, 0
 
 
 @njit(cache=True, nogil=True)
 def _keep(table: Table, c: Any, p: Any, now_ns: int, stays: bool) -> None:
-    """Keep the present voltage, in mid-motion or on the way down; at rest nothing moves anyway."""
+    """Hold the present voltage during a motion or a ramp; at rest nothing moves anyway."""
     if c.state == READY:
         return
     if c.state == RUNNING:
@@ -190,7 +190,7 @@ def _keep(table: Table, c: Any, p: Any, now_ns: int, stays: bool) -> None:
 @njit(cache=True, nogil=True)
 def _release(table: Table, c: Any, p: Any, now_ns: int) -> None:
     if c.state == READY and c.volts == p.safe_v:
-        return  # it is where it is to go
+        return  # it is at its safe voltage already
     if c.state != READY:
         add_note(table, c, RELEASED, 0.0)
     happens(c, RELEASE, now_ns)
@@ -200,7 +200,7 @@ def _release(table: Table, c: Any, p: Any, now_ns: int) -> None:
 
 @njit(cache=True, nogil=True)
 def age(table: Table, c: Any, p: Any, now_ns: int) -> None:
-    """Trajectories that end or run dry, set-points that go stale."""
+    """Handle trajectories that end or run dry, and set-points that go stale."""
     if c.state != RUNNING:
         return
     q, points = queue_of(table), points_of(table)
@@ -218,7 +218,7 @@ def age(table: Table, c: Any, p: Any, now_ns: int) -> None:
         c.target_ns = now_ns
         add_note(table, c, GROUP_WAITS if q.dry == targets.OTHER else RUN_DRY, 0.0)
     elif c.starved != 0 and not starved and q.count > 0 and q.group == 0:
-        c.glide = NAN  # time has gone on; a group's stood still
+        c.glide = NAN  # time went on meanwhile; a group's time paused
     c.starved = 1 if starved else 0
     if c.stays == 0 and (starved or q.count == 0) and now_ns - c.target_ns > p.stale_ns:
         add_note(table, c, NO_SETPOINT, p.stale_ns * 1e-9)

@@ -1,9 +1,9 @@
-"""The loop's kernels, compiled by two processes at once where they are not on disk yet.
+"""Compile the loop's kernels in two processes at once where they are not on disk yet.
 
-numba compiles one kernel at a time in a process, and a kernel after all that it calls. So another
-process begins with the largest part, the inverse's plan, while this one compiles what needs none;
-each finds on disk what the other has done. Where that does not help (the disk keeps nothing, the
-other process died), this one compiles everything itself, later.
+numba compiles one kernel at a time in a process, and a kernel after all kernels that it calls. So
+another process begins with the largest part, the inverse's plan, while this one compiles the
+kernels that do not need it; each finds the other's results on disk. If that fails (nothing can be
+stored, or the other process died), this process compiles everything itself later.
 """
 
 import subprocess
@@ -22,7 +22,7 @@ WORDS, INTEGER = types.int64[::1], types.int64
 
 
 def compile_in_two() -> None:
-    """Compile a good half of what `warm_up` runs, unless it is on disk already."""
+    """Compile more than half of what `warm_up` runs, unless it is on disk already."""
     if plan_is_on_disk():
         return
     with compiling_beside(__name__):
@@ -32,7 +32,7 @@ def compile_in_two() -> None:
 
 @contextmanager
 def compiling_beside(module: str) -> Iterator[None]:
-    """Run a module in another process, and wait for its end; it does not outlive the block."""
+    """Run a module in another process during the block; wait for it, or end it on an error."""
     other = subprocess.Popen([sys.executable, "-m", module], stdin=subprocess.DEVNULL)
     try:
         yield
@@ -43,7 +43,7 @@ def compiling_beside(module: str) -> Iterator[None]:
 
 
 def _compile_around_step() -> None:
-    """What a sample does before and after its step."""
+    """Compile what a sample does before and after its step."""
     take_requests.compile((WORDS, INTEGER))
     groups.coordinate.compile((WORDS, INTEGER))
     kernels.next_axis.compile((WORDS,))

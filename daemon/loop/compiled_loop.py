@@ -1,8 +1,9 @@
-"""The compiled loop: for devices that C can call, from the deadline to the ring without Python.
+"""The compiled loop, for devices that C can call: no Python from the deadline to the ring.
 
-The same sample as in dehyst.daemon.loop.python_loop: the same kernels, in the same order. It runs
-in a thread of its own without the interpreter's lock; the main thread takes signals, brings devices
-back, publishes status and events, and talks to the loop through the meter's request fields only.
+A sample is the same as in dehyst.daemon.loop.python_loop: the same kernels in the same order. It
+runs in its own thread without the interpreter's lock; the main thread handles signals, reconnects
+devices, publishes status and events, and passes requests to the loop only through the meter's
+request fields.
 """
 
 import threading
@@ -28,14 +29,15 @@ from dehyst.models.errors import BadInput
 
 INVALID, HELD = int(Flag.SENSOR_INVALID), int(Flag.SENSOR_HELD)
 ATTEND_S = 0.02
-SPIN_ABOVE_HZ, SPIN_US = 2000.0, 50.0  # slower loops do not burn a core for their last jitter
+SPIN_ABOVE_HZ, SPIN_US = 2000.0, 50.0  # slower loops do not occupy a core to reduce jitter
 
 
 @njit(cache=True, nogil=True)
 def now_of(table: Table, buffer: NDArray[np.int64]) -> int:
-    """CLOCK_MONOTONIC, or the clock that a test put at CLOCK.
+    """Return CLOCK_MONOTONIC [ns], or the time of the clock that a test put at CLOCK.
 
-    That is (3 + n,) integers: [now ns, ns per look, sleeps so far, lateness of each wake-up ...].
+    That clock is (3 + n,) integers: [now ns, ns per call, number of sleeps, lateness of each
+    wake-up ...].
     """
     if table[3 * CLOCK] == 0:
         return systemcalls.read_clock_ns(buffer)
@@ -46,7 +48,7 @@ def now_of(table: Table, buffer: NDArray[np.int64]) -> int:
 
 @njit(cache=True, nogil=True)
 def sleep_of(table: Table, buffer: NDArray[np.int64], deadline_ns: int, spin_ns: int) -> int:
-    """Wait for the deadline, the last spin_ns awake: the time."""
+    """Wait for the deadline, the last spin_ns busy; return the time [ns]."""
     if table[3 * CLOCK] != 0:
         injected = whole_at(table, CLOCK)
         late = injected[3 + injected[2] % (injected.size - 3)]
@@ -63,7 +65,7 @@ def sleep_of(table: Table, buffer: NDArray[np.int64], deadline_ns: int, spin_ns:
 
 @njit(cache=True, nogil=True)
 def read_gauge(table: Table, clock: Table, buffer: NDArray[np.int64]) -> tuple[int, int]:
-    """Read an axis' sensor into its meter: (flags, nanoseconds in the driver)."""
+    """Read an axis' sensor into its meter; return (flags, time in the driver [ns])."""
     m, value = meter_of(table), np.zeros(1)
     flags, io_ns = 0, 0
     if m.sensor_ok == 0:
@@ -85,8 +87,8 @@ def read_gauge(table: Table, clock: Table, buffer: NDArray[np.int64]) -> tuple[i
 
 @njit(cache=True, nogil=True)
 def run_samples(axes: NDArray[np.int64], samples: int) -> None:
-    """Samples until all axes have stopped, or so many (-1: no end). axes: (n,) addresses of their
-    tables; the first one's clock is that of all."""
+    """Run until all axes have stopped, or for `samples` samples (-1: no limit). axes: (n,)
+    addresses of their tables; the first one's clock serves all."""
     n = axes.size
     clock = axis_at(axes[0])
     m = meter_of(clock)
@@ -97,7 +99,7 @@ def run_samples(axes: NDArray[np.int64], samples: int) -> None:
         woke = sleep_of(clock, buffer, m.scheduled_ns, m.spin_ns)
         if woke < m.scheduled_ns:
             continue
-        io_ns = np.int64(0)  # not a plain 0: `finish` would be compiled for that type too
+        io_ns = np.int64(0)  # not a plain 0: `finish` would be compiled for that type, too
         for i in range(n):
             flags[i], spent_ns = read_gauge(axis_at(axes[i]), clock, buffer)
             io_ns += spent_ns
@@ -130,10 +132,10 @@ def run_samples(axes: NDArray[np.int64], samples: int) -> None:
 
 
 def warm_up(monitors: Sequence[LoopMonitor], compiled: bool) -> None:
-    """Run every kernel of a sample on monitors of its own, without their devices: the ones that
-    this engine calls, and no others; they are large.
+    """Run every kernel that this engine calls in a sample, on separate monitors without devices.
+    The other engine's kernels are left out, because they are large.
 
-    Nothing compiles after this, and the code is in memory.
+    After this nothing is compiled, and the code is in memory.
     """
     for monitor in monitors:
         monitor.numbers[PLACE["actuator_ok"]] = monitor.numbers[PLACE["sensor_ok"]] = 0
@@ -157,7 +159,7 @@ def warm_up(monitors: Sequence[LoopMonitor], compiled: bool) -> None:
 
 
 def _warming_commands() -> Sequence[NDArray[Any]]:
-    """What comes in before each sample: a trajectory, nothing, and a set-point twice."""
+    """Return the commands before each sample: a trajectory, nothing, and a set-point twice."""
     points, single = np.zeros(2, COMMAND), np.zeros(1, COMMAND)
     points["kind"], points["trajectory"] = LoopCommand.POINT, 1
     points["offset_ns"], points["last"] = (0, 1_000_000), (0, 1)
@@ -166,19 +168,19 @@ def _warming_commands() -> Sequence[NDArray[Any]]:
 
 
 def direct_of(device: Any) -> Direct | None:
-    """How compiled code calls this device; None where only Python does."""
+    """Return how compiled code calls this device; None where only Python can."""
     return device.direct() if isinstance(device, Reachable) else None
 
 
 def spin_ns(asked_us: float | None, rate_hz: float) -> int:
-    """How long the loop waits awake; None: by the rate."""
+    """Return how long the loop waits busy before a deadline [ns]. None: chosen by the rate."""
     if asked_us is None:
         asked_us = SPIN_US if rate_hz > SPIN_ABOVE_HZ else 0.0
     return round(1000 * min(asked_us, 0.5e6 / rate_hz))
 
 
 class _Axis:
-    """An axis' devices, as compiled code calls them. Raises BadInput where one needs Python."""
+    """The devices of an axis for compiled code. Raises BadInput where one needs Python."""
 
     def __init__(self, monitor: LoopMonitor) -> None:
         self.monitor = monitor
@@ -194,7 +196,7 @@ class _Axis:
         m["read"], m["read_context"] = read.function, read.context
 
     def attend(self) -> None:
-        """Devices that went down or came back, and what is to be said."""
+        """Handle devices that failed or came back, and publish status and events."""
         monitor, numbers = self.monitor, self.monitor.numbers
         if numbers[PLACE["actuator_ok"]] == 0:
             if numbers[PLACE["actuator_code"]] and self._down(monitor.actuator, self._write):
@@ -217,10 +219,10 @@ class _Axis:
 
 
 class CompiledLoop:
-    """Runs a monitor's controller, and those of the axes beside it, in compiled code. Raises
-    BadInput where a device needs Python.
+    """Run the controllers of all axes in compiled code.
 
-    enter: called in the loop's thread before the first sample: priority and the like.
+    monitor: of the first axis; beside: of the others. enter: called in the loop's thread before
+    the first sample, to set its priority. Raises BadInput where a device needs Python.
     """
 
     def __init__(
@@ -233,7 +235,7 @@ class CompiledLoop:
         self._axes = [_Axis(one) for one in self._monitors]
 
     def run(self, samples: int | None = None) -> None:
-        """Loop until stopped (or for a number of samples); the calling thread attends to it."""
+        """Run until stopped, or for a number of samples; the calling thread serves the loop."""
         thread = threading.Thread(target=self._run, args=(samples,), name="loop", daemon=True)
         thread.start()
         while True:

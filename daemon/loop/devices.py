@@ -1,7 +1,7 @@
-"""The loop's view of its devices: a call that fails marks the device, a thread brings it back.
+"""The loop's links to its devices: a failed call marks a device as down; a thread reconnects it.
 
-While a device is down the loop does not touch it; only the reconnecting thread does. When the
-thread has succeeded the loop takes the device over again at its next sample.
+While a device is down, only the reconnecting thread uses it, not the loop. After the thread has
+succeeded, the loop uses the device again from its next sample on.
 """
 
 import math
@@ -18,9 +18,9 @@ FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 5.0
 
 
 class DeviceLink:
-    """One device and whether it answers.
+    """One device, and whether it responds.
 
-    ok: the loop may use it; errors: how often it failed; news: messages for the event log.
+    ok: the loop may use it; errors: number of failures; news: messages for the event log.
     """
 
     def __init__(self, name: str, device: Any) -> None:
@@ -33,7 +33,7 @@ class DeviceLink:
         self._thread: threading.Thread | None = None
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call the device; on a DriverError the link goes down and the error is raised on."""
+        """Call the device; on a DriverError, mark the link as down and raise the error again."""
         try:
             return function(*arguments)
         except DriverError as error:
@@ -41,7 +41,7 @@ class DeviceLink:
             raise
 
     def down(self, error: Exception) -> None:
-        """The device failed: start to bring it back."""
+        """Mark the device as failed and start to reconnect it."""
         self.errors += 1
         self.ok = False
         self.news.append(f"{self.name}: {type(error).__name__}: {error}")
@@ -56,7 +56,7 @@ class DeviceLink:
         while not self._ended.wait(wait_s):
             try:
                 self.device.reconnect()
-            except Exception as error:  # whatever it was, the device is tried again
+            except Exception as error:  # whatever the error, the device is tried again
                 known = isinstance(error, DriverError)
                 text = str(error) if known else f"{type(error).__name__}: {error}"
                 if text != last:
@@ -68,7 +68,7 @@ class DeviceLink:
                 return
 
     def came_back(self) -> bool:
-        """True once after a reconnection succeeded; the loop owns the device again."""
+        """Return True once after a successful reconnection; the loop then owns the device again."""
         if self.ok or not self._back.is_set():
             return False
         self._back.clear()
@@ -92,7 +92,7 @@ def ramp(
     period_s: float,
     sleep: Callable[[float], None] = clock.sleep_s,
 ) -> float:
-    """Move an output without the loop, step by step at no more than the given rate."""
+    """Move an output without the loop, in steps at no more than the given rate; return it [V]."""
     step = rate_v_per_s * period_s
     while volts != goal:
         volts += math.copysign(min(step, abs(goal - volts)), goal - volts)

@@ -1,9 +1,10 @@
-"""The core process: composition of models, devices, rings and loop. No network.
+"""The core process: it composes models, devices, rings and loop, and has no network.
 
-Start: configuration, models, devices, rates checked, last known outputs taken over, rings, kernels
-warmed, real-time priority, loop. SIGTERM: each output goes to its `safe.on_stop`. SIGHUP: the
-models are loaded again beside the loop and swapped in without a jump, or refused. All axes of a
-controller are here: one clock, one deadline (dehyst.daemon.loop.axes).
+The start reads configuration and models, opens the devices, checks rates, determines the last known
+outputs, makes the rings, warms up the kernels, sets real-time priority and runs the loop. On
+SIGTERM each output goes to its `safe.on_stop`. On SIGHUP the models are loaded again outside the
+loop and swapped in without a jump, or refused. All axes of a controller share this process, its
+clock and its deadline (dehyst.daemon.loop.axes).
 """
 
 import logging
@@ -32,16 +33,16 @@ from dehyst.drivers.interface import DeviceTimeout, Joint, ProtocolError
 log = logging.getLogger(__name__)
 RUN_BITS = 48
 ATTEMPTS = 3
-"""To open the devices: one late reply is no reason to give up. What is not plugged in, or
-refuses a setting, is not tried again."""
+"""Attempts to open the devices, so that a late reply does not abort the start. A device that is not
+plugged in, or refuses a setting, is not tried again."""
 PAUSE_S = 1.0
-"""Between the attempts [s]: a machine or a unit that stands still does so for about a second, and
-nothing moves yet."""
+"""Pause between the attempts [s]: a machine or unit stalls for about a second, and nothing moves
+yet."""
 EXTEND_US = 15_000_000
 
 
 Serve = Callable[[Callable[[], None], Callable[[], None]], None]
-"""(stop, reload): from now on these are called when the process is asked to end or to reload."""
+"""Takes (stop, reload), and calls them from then on when the process must end or reload."""
 
 
 class Core:
@@ -51,12 +52,12 @@ class Core:
         self.controller, self._serve = controller, serve
         self.axes = [AxisCore(config, tell_systemd) for config in controller.axes]
         self._by_name = {axis.config.axis: axis for axis in self.axes}
-        # drivers measure their rate when they open: at the priority at which the loop will run
+        # drivers measure their rate when they open, so open them at the loop's priority
         with realtime.raised(controller.loop.priority):
             self._joint = self._open_patiently()
 
     def _open_patiently(self) -> list[tuple[Joint, tuple[int, ...]]]:
-        """As _open; where a reply comes late or out of step, once more."""
+        """Call _open; repeat it where a reply is late or out of step."""
         for _ in range(ATTEMPTS - 1):
             try:
                 return self._open()
@@ -66,7 +67,7 @@ class Core:
         return self._open()
 
     def _open(self) -> list[tuple[Joint, tuple[int, ...]]]:
-        """Open the devices of all axes, or of none; the outputs that share a unit, see joined."""
+        """Open the devices of all axes, or none; return outputs that share a unit, see `joined`."""
         opened: list[AxisCore] = []
         try:
             for axis in self.axes:
@@ -79,8 +80,8 @@ class Core:
             raise
 
     def run(self) -> bool:
-        """Until SIGTERM or SIGINT: True when the outputs stand where safe.on_stop wants them.
-        Raises DehystError before anything was moved."""
+        """Run until SIGTERM or SIGINT; return True when the outputs are where safe.on_stop requires
+        them. Raises DehystError before anything has moved."""
         try:
             self._run()
             return all(axis.at_rest for axis in self.axes)
@@ -137,12 +138,12 @@ class Core:
         self._say_of_circles()
 
     def _enter(self) -> realtime.Obtained:
-        """The calling thread becomes the loop's."""
+        """Set the loop's real-time properties for the calling thread."""
         loop = self.controller.loop
         return realtime.enter_realtime(loop.priority, loop.cpu, loop.rate_hz)
 
     def _engine(self) -> PythonLoop | CompiledLoop:
-        """The loop that the configuration and the devices allow."""
+        """Return the loop that the configuration and the devices allow."""
         wish = self.controller.loop.engine
         first, *others = [axis.monitor for axis in self.axes]
         reachable = all(
@@ -162,7 +163,7 @@ class Core:
         )
 
     def _channels(self) -> Channels:
-        """The further sensors; one that several axes are given in the same words is opened once."""
+        """Return the further sensors; one with equal settings in several axes is opened once."""
         configs: dict[tuple[str, str], ChannelConfig] = {}
         heard: dict[tuple[str, str], list[Stepper]] = {}
         for axis in self.axes:
@@ -186,7 +187,7 @@ class Core:
         return Channels({names[key]: config for key, config in configs.items()}, measured, report)
 
     def _say_of_circles(self) -> None:
-        """Axes that follow each other's drives in a circle: one of them is a sample late."""
+        """Report axes that follow each other's drives in a circle: one of them is a sample late."""
         follows = {
             name: {w.axis for w in axis.followed(axis.stepper.compensator).values() if w.drive}
             for name, axis in self._by_name.items()
@@ -204,8 +205,8 @@ class Core:
 
 
 def tell_systemd(status: NDArray[Any]) -> None:
-    """The process is alive; while it ramps, systemd waits as long as that takes, whatever
-    TimeoutStopSec= says."""
+    """Send systemd a watchdog heartbeat; while the output ramps, extend the stop time-out, so that
+    systemd waits for its end whatever TimeoutStopSec= is."""
     if int(status["state"][0]) == State.STOPPING:
         notify.send("WATCHDOG=1", "STOPPING=1", f"EXTEND_TIMEOUT_USEC={EXTEND_US}")
     else:
@@ -213,5 +214,5 @@ def tell_systemd(status: NDArray[Any]) -> None:
 
 
 def run_core(controller: Controller, serve: Serve) -> int:
-    """Entry of the core process; exit code."""
+    """Run the core process; return its exit code."""
     return 0 if Core(controller, serve).run() else 1

@@ -1,8 +1,8 @@
 """The Python loop: wait for the deadline, read, step, write, record; all axes in each step.
 
-For devices that only Python reaches, serial ones above all; dehyst.daemon.loop.compiled_loop is its
-compiled sister. Nothing here can block for long: no bus, no disk, no log, no garbage collection,
-and device calls have their own time-outs.
+It serves devices that only Python can reach, mainly serial ones. Its compiled counterpart is
+dehyst.daemon.loop.compiled_loop. Nothing here can block for long: no bus, no disk, no log, no
+garbage collection, and device calls have their own time-outs.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,33 +24,33 @@ INVALID, HELD = int(Flag.SENSOR_INVALID), int(Flag.SENSOR_HELD)
 SCHEDULED, SAMPLES, MEASURED = PLACE["scheduled_ns"], PLACE["samples"], PLACE["measured"]
 ACTUATOR_OK, SENSOR_OK = PLACE["actuator_ok"], PLACE["sensor_ok"]
 DOUBTFUL, THE_HELD = PLACE["doubtful"], PLACE["held"]
-ASKED = 2  # in DOUBTFUL, for a sample: beside the question there is no time for a set
+ASKED = 2  # in DOUBTFUL for one sample: there is no time for a query and a write
 MOVING = (State.RUNNING, State.STOPPING)
 NAN = float("nan")
 
 
 class Axis(NamedTuple):
-    """One axis of the loop. readback: where the amplifier can report its output, the slow check of
-    that report."""
+    """One axis of the loop. readback: the slow check of the amplifier's reported output; None: it
+    cannot report it."""
 
     monitor: LoopMonitor
     readback: ReadbackCheck | None = None
 
 
 class Together(NamedTuple):
-    """Axes, by their places, whose outputs one amplifier can set in one command."""
+    """Axes, by index, whose outputs one amplifier can set in one command."""
 
     joint: Joint
     places: tuple[int, ...]
 
 
 class PythonLoop:
-    """Runs a monitor's controller, and those of the axes beside it, against their devices on one
-    grid of deadlines.
+    """Run the controllers of all axes against their devices on one grid of deadlines.
 
-    `now` and `sleep_until` are the clock, injected: integer nanoseconds. together: amplifiers that
-    set several of these axes in one command; crowded: axes, by their places, that leave the outputs
-    of these places as they are in a sample in which their amplifier is asked for its report.
+    monitor: of the first axis; beside: the other axes. `now` and `sleep_until` are the injected
+    clock, in integer nanoseconds. together: amplifiers that set several of these axes in one
+    command; crowded: by axis index, the outputs that are not written in a sample in which that
+    axis' amplifier is queried for its output.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class PythonLoop:
         self._axes = [_AxisDevices(*pair, now) for pair in zip(monitors, checks, strict=True)]
 
     def run(self, samples: int | None = None) -> None:
-        """Loop until all axes have stopped (or for a number of samples)."""
+        """Run until all axes have stopped, or for a number of samples."""
         monitors = [axis.monitor for axis in self._axes]
         numbers, going = monitors[0].numbers, list(self._axes)
         with systemcalls.schedstat_for([monitor.meter for monitor in monitors]):
@@ -118,7 +118,7 @@ class PythonLoop:
         return finished_ns
 
     def _write_together(self, joint: Joint, places: tuple[int, ...], volts: list[float]) -> int:
-        """One command for all these outputs, where all of them are to be set; nanoseconds."""
+        """Set all these outputs in one command if all must be written; return the time [ns]."""
         wanted = [volts[place] for place in places]
         if not joint.together or any(v != v for v in wanted):
             return 0
@@ -135,7 +135,7 @@ class PythonLoop:
 
 
 class _AxisDevices:
-    """One axis' devices in a sample, and what became of its write."""
+    """The devices of one axis in a sample, and the result of its write."""
 
     def __init__(
         self, monitor: LoopMonitor, readback: ReadbackCheck | None, now: Callable[[], int]
@@ -148,7 +148,7 @@ class _AxisDevices:
         self._flags, self._wrote, self._written_ns, self._call_ns = 0, NOT_WRITTEN, 0, 0
 
     def take_back(self) -> None:
-        """An amplifier that was down and answers again."""
+        """Resume an amplifier that was down and responds again."""
         monitor, actuator = self.monitor, self.monitor.actuator
         self._wrote = NOT_WRITTEN
         if not actuator.ok and actuator.came_back():
@@ -158,7 +158,7 @@ class _AxisDevices:
                 self.readback.begin(actuator.device.output())
 
     def write(self, volts: float) -> tuple[int, int]:
-        """Set the output (NaN: leave it): (nanoseconds, the time now)."""
+        """Set the output (NaN: leave it); return (time spent [ns], present time [ns])."""
         if volts != volts:
             return 0, self._now()
         actuator, before_ns = self.monitor.actuator, self._now()
@@ -172,8 +172,8 @@ class _AxisDevices:
         return after_ns - before_ns, after_ns
 
     def was_written(self, before_ns: int, after_ns: int, error: DriverError | None) -> None:
-        """The output was set with others in one command. A command for it alone would take half as
-        long at the least."""
+        """Record that the output was set with others in one command. A command for it alone would
+        take at least half as long."""
         self._settle(after_ns, (after_ns - before_ns) // 2, error)
 
     def _settle(self, written_ns: int, call_ns: int, error: DriverError | None) -> None:
@@ -199,8 +199,8 @@ class _AxisDevices:
         )
 
     def read_sensor(self, others_asked: bool) -> tuple[int, bool]:
-        """The reading goes into the meter. Nanoseconds in the driver, and whether the amplifier has
-        been asked for its report; where that of another axis has been, it is not."""
+        """Read the sensor into the meter. Return the time in the driver [ns], and whether the
+        amplifier was queried for its output; others_asked: another one was, so this one is not."""
         begun_ns = self._now()
         asked = not others_asked and self.readback is not None and self._read_back(self.readback)
         self._flags = self._read(asked)
@@ -208,7 +208,7 @@ class _AxisDevices:
         return self._now() - begun_ns, asked
 
     def _read(self, asked: bool) -> int:
-        """Flags of the reading. asked: there is no time for one."""
+        """Take the reading; return its flags. asked: there is no time for a reading."""
         monitor, sensor = self.monitor, self.monitor.sensor
         if not sensor.ok:
             monitor.floats[MEASURED] = NAN
@@ -226,8 +226,8 @@ class _AxisDevices:
         return 0
 
     def _read_back(self, check: ReadbackCheck) -> bool:
-        """Now and then, in the place of a sensor reading: does the amplifier report what was
-        set? True when it was asked."""
+        """Check occasionally, instead of a sensor reading, that the amplifier reports what was set.
+        Return True when it was queried."""
         monitor, stepper, actuator = self.monitor, self.monitor.stepper, self.monitor.actuator
         now_ns, volts = monitor.numbers[SCHEDULED], stepper.volts
         if not actuator.ok:

@@ -1,13 +1,13 @@
-"""The slow check of the amplifier's own report of its output against what was written.
+"""Check slowly that the amplifier's reported output agrees with what was written.
 
-An MDT693B reports through an ADC with an offset of some 0.2 V that is up to 0.25 s late, so no
-loop is ever closed on it. What it is good for is to notice that the output is not where the
-daemon believes: a knob was turned, the external input adds a voltage, the unit takes set-points
-and does not carry them out. Then nobody can say by how much the next set-point would make the
-output jump, and no further voltage is written until the two agree again.
+An MDT693B reports through an ADC with an offset of some 0.2 V that is up to 0.25 s late, so no loop
+is ever closed on it. The report serves to detect that the output differs from what the daemon
+assumes: a knob was turned, the external input adds a voltage, or the unit accepts set-points
+without executing them. The jump caused by the next set-point would then be unknown, so no further
+voltage is written until the two agree again.
 
-Pure: times come in. The loop asks `due`, reads back in the place of one sensor reading, and
-gives the result to `judge`.
+Pure: takes times as arguments. The loop asks `due`, reads back instead of one sensor reading, and
+passes the result to `judge`.
 """
 
 SPAN_NS = 1_000_000_000  # the report is compared with what was written in the last 1 to 2 s
@@ -16,9 +16,10 @@ IN_A_ROW = 3
 
 
 class ReadbackCheck:
-    """tolerance_v: difference that is still agreement; volts: the output as it begins.
+    """The check of one amplifier. tolerance_v: largest difference that counts as agreement; volts:
+    the initial output.
 
-    doubtful: True while the report disagrees for certain."""
+    `doubtful`: True while the report certainly disagrees."""
 
     def __init__(self, tolerance_v: float, volts: float) -> None:
         self.tolerance_v = tolerance_v
@@ -26,14 +27,14 @@ class ReadbackCheck:
         self.begin(volts)
 
     def begin(self, volts: float) -> None:
-        """The link was made (again) and the output is known to stand at `volts`."""
+        """Start (again) after a connection, with the output known to be `volts`."""
         self.doubtful = False
         self.reported_v = volts
         self._low = self._high = self._old_low = self._old_high = volts
         self._against = self._for = 0
 
     def wrote(self, now_ns: int, volts: float) -> None:
-        """The output was set to `volts`; call it in every sample."""
+        """Record that the output is set to `volts`; call this in every sample."""
         if now_ns - self._begun_ns > SPAN_NS:
             self._old_low, self._old_high = self._low, self._high
             self._low = self._high = volts
@@ -44,7 +45,7 @@ class ReadbackCheck:
             self._high = volts
 
     def due(self, now_ns: int, moving: bool) -> bool:
-        """True when the unit should be asked now."""
+        """Return True when the unit should be queried now."""
         every_ns = MOVING_NS if moving else RESTING_NS
         if self._against or self.doubtful:
             every_ns = DOUBT_NS
@@ -54,7 +55,7 @@ class ReadbackCheck:
         return True
 
     def judge(self, reported_v: float) -> str:
-        """Take one report: "" as before, "disagrees" when doubt begins, "agrees" when it ends."""
+        """Take one report; return "disagrees" when doubt begins, "agrees" when it ends, else ""."""
         self.reported_v = reported_v
         low = min(self._low, self._old_low) - self.tolerance_v
         high = max(self._high, self._old_high) + self.tolerance_v

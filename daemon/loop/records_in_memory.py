@@ -1,12 +1,10 @@
-"""What the loop's kernels work on: its numbers as records, its arrays by place.
+"""Data of the loop's kernels: numbers as records, arrays by their place in a table.
 
-One table of addresses (dehyst.models.addresses) stands for a controller, one for the inverse that
-it uses (dehyst.models.inverse.state). Both loops, the Python one and the compiled one, and the
-tests hand these tables to the same kernels: dehyst.daemon.loop.step_kernel and
-dehyst.daemon.loop.sample.
+One table of addresses (dehyst.models.addresses) represents a controller, another one the inverse
+that it uses (dehyst.models.inverse.state). The Python loop, the compiled loop and the tests pass
+these tables to the same kernels: dehyst.daemon.loop.step_kernel and dehyst.daemon.loop.sample.
 
-Kernels hand records on as `c` (CONTROL_T), `p` (SETTINGS_T), `q` (QUEUE_T),
-`m` (METER_T).
+Kernels name the records `c` (CONTROL_T), `p` (SETTINGS_T), `q` (QUEUE_T) and `m` (METER_T).
 """
 
 import math
@@ -31,20 +29,20 @@ NAN = math.nan
 CONTROL_T = np.dtype(
     [
         ("volts", "<f8"),  # the output as last written
-        ("found", "<i8"),  # 1: as the device reports it, which may be off; nothing moved it since
-        ("wrote_ns", "<i8"),  # no later than so the way of the next one counts; 0: not written yet
-        ("least_ns", "<i8"),  # the least that a write has taken
-        ("writes", "<i8"),  # how many there have been
-        ("move_ns", "<i8"),  # time that the next voltage may take for its way, at most a period
-        ("glide", "<f8"),  # what is left of a glide to the target: 1 to 0; NaN: begin one
-        ("glide_from", "<f8"),  # where it began, as model displacement
-        ("glide_share", "<f8"),  # by which it gets less in a sample
-        ("predicted", "<f8"),  # the model's next reading, from the origin
+        ("found", "<i8"),  # 1: volts is the device's report, which may be off; no move since
+        ("wrote_ns", "<i8"),  # start of the next move's slew budget; 0: not written yet
+        ("least_ns", "<i8"),  # shortest duration of a write
+        ("writes", "<i8"),  # number of writes
+        ("move_ns", "<i8"),  # time for the next move under the slew limit, at most a period
+        ("glide", "<f8"),  # remaining part of a glide to the target: 1 to 0; NaN: begin one
+        ("glide_from", "<f8"),  # model displacement where it began
+        ("glide_share", "<f8"),  # decrease of `glide` per sample
+        ("predicted", "<f8"),  # predicted next reading, from the origin
         ("target", "<f8"),  # newest target, from the origin; NaN: none
         ("learned", "<f8"),  # learned correction of the present target
         ("corrected", "<i8"),  # 1: the trajectory has learned corrections
-        ("held", "<i8"),  # 1: the reading of this sample is the one before
-        ("target_ns", "<i8"),  # when it was last confirmed by a client
+        ("held", "<i8"),  # 1: this sample repeats the previous reading
+        ("target_ns", "<i8"),  # when a client last confirmed the target
         ("since_ns", "<i8"),  # when the present state began
         ("hold_ns", "<i8"),
         ("approach_until_ns", "<i8"),
@@ -60,28 +58,28 @@ CONTROL_T = np.dtype(
         ("group", "<i8"),  # of the trajectory being played or played last; 0: none
         ("left", "<i8"),  # the group that this axis left before its end
         ("made", "<i8"),  # 1: this sample's voltage has been made
-        ("notes", "<i8"),  # how many notes were made
+        ("notes", "<i8"),  # number of notes made
     ]
 )
 
 METER_T = np.dtype(
     [
-        ("scheduled_ns", "<i8"),  # the deadline that is waited for or being served
+        ("scheduled_ns", "<i8"),  # the next or present deadline
         ("samples", "<i8"),
         ("missed", "<i8"),
-        ("tail", "<i8"),  # of the command ring
+        ("tail", "<i8"),  # of the command ring: records taken
         ("measured", "<f8"),  # last reading as model displacement
         ("held", "<i8"),  # 1: no new reading was due
         ("scale", "<f8"),
         ("zero", "<f8"),
         ("sensor_every", "<i8"),
         ("spin_ns", "<i8"),
-        # the thread's counters after the sample before
+        # the thread's counters after the previous sample
         ("major_faults", "<i8"),
         ("minor_faults", "<i8"),
         ("switches", "<i8"),
         ("waited_ns", "<i8"),  # time that the thread was ready and had no CPU
-        ("cpu", "<i8"),  # where it ran
+        ("cpu", "<i8"),  # CPU on which it ran
         ("schedstat", "<i8"),  # open file of the thread's /proc schedstat; -1: none
         # requests to the loop, taken at its next sample
         ("stop", "<i8"),
@@ -94,7 +92,7 @@ METER_T = np.dtype(
         # devices: 1 usable, 0 down; the code that brought it down
         ("actuator_ok", "<i8"),
         ("sensor_ok", "<i8"),
-        # nothing is to be written: 1: the amplifier's report contradicts it; 2: it is asked for it
+        # not 0: write nothing. 1: the amplifier's report contradicts the output; 2: it is queried
         ("doubtful", "<i8"),
         ("actuator_code", "<i8"),
         ("sensor_code", "<i8"),
@@ -115,7 +113,7 @@ FOLLOW_T = np.dtype(
         ("zero", "<f8"),
     ]
 )
-"""One channel of the model that is another axis of the controller."""
+"""One channel of the model that follows another axis of the controller."""
 
 NOTE_T = np.dtype([("code", "<i8"), ("value", "<f8")])
 NOTES = 64
@@ -160,7 +158,7 @@ CAUSES = len(MissCause)
 
 
 class Note(IntEnum):
-    """What happened in a sample, as a code with one number; Python makes words of it."""
+    """Events of a sample, as a code with one number; Python turns them into messages."""
 
     BAD_VALUE = 1
     WITHDRAWN = 2
@@ -222,37 +220,37 @@ TEXTS = {
 
 
 def as_int64(member: int) -> int:
-    """A member of an enumeration as kernels take it: numba compiles a function anew for every plain
-    integer that it is called with, and only once for these."""
+    """Convert a member of an enumeration for kernels: numba compiles a function again for every
+    plain integer constant passed to it, but only once for these."""
     return cast(int, np.int64(member))
 
 
 def describe_note(code: int, value: float) -> str:
-    """A note as a sentence."""
+    """Return a note as a message."""
     return TEXTS[Note(code)].format(value)
 
 
 @njit(cache=True, nogil=True)
 def control_of(table: Table) -> Any:
-    """The CONTROL_T record."""
+    """Return the CONTROL_T record."""
     return record(table[3 * CONTROL], CONTROL_T)
 
 
 @njit(cache=True, nogil=True)
 def settings_record_of(table: Table) -> Any:
-    """The SETTINGS_T record."""
+    """Return the SETTINGS_T record."""
     return record(table[3 * SETTINGS], SETTINGS_T)
 
 
 @njit(cache=True, nogil=True)
 def queue_of(table: Table) -> Any:
-    """The QUEUE_T record."""
+    """Return the QUEUE_T record."""
     return record(table[3 * QUEUE], QUEUE_T)
 
 
 @njit(cache=True, nogil=True)
 def points_of(table: Table) -> Any:
-    """The arrays of the queue."""
+    """Return the arrays of the queue."""
     return targets.Points(
         whole_at(table, TIMES), floats_at(table, VALUES), floats_at(table, CORRECTIONS)
     )
@@ -260,37 +258,37 @@ def points_of(table: Table) -> Any:
 
 @njit(cache=True, nogil=True)
 def trim_setting_of(table: Table) -> Any:
-    """The trim's SETTING record."""
+    """Return the trim's SETTING record."""
     return record(table[3 * TRIM_SETTING], trim.SETTING)
 
 
 @njit(cache=True, nogil=True)
 def trim_of(table: Table) -> Any:
-    """The trim's STATE record."""
+    """Return the trim's STATE record."""
     return record(table[3 * TRIM], trim.STATE)
 
 
 @njit(cache=True, nogil=True)
 def record_of(table: Table) -> Any:
-    """The sample's TELEMETRY record."""
+    """Return the sample's TELEMETRY record."""
     return record(table[3 * RECORD], TELEMETRY)
 
 
 @njit(cache=True, nogil=True)
 def commands_of(table: Table) -> Any:
-    """The (n,) COMMAND records of this sample."""
+    """Return the (n,) COMMAND records of this sample."""
     return carray(pointer(table[3 * COMMANDS]), (table[3 * COMMANDS + 1],), COMMAND)
 
 
 @njit(cache=True, nogil=True)
 def follows_of(table: Table) -> Any:
-    """The (n,) FOLLOW_T rows."""
+    """Return the (n,) FOLLOW_T rows."""
     return carray(pointer(table[3 * FOLLOWS]), (table[3 * FOLLOWS + 1],), FOLLOW_T)
 
 
 @njit(cache=True, nogil=True)
 def add_note(table: Table, c: Any, code: int, value: float) -> None:
-    """Say what happened; the oldest of many notes are lost."""
+    """Add a note about an event; when the ring is full, the oldest notes are lost."""
     notes = carray(pointer(table[3 * NOTE_RING]), (table[3 * NOTE_RING + 1],), NOTE_T)
     slot = notes[c.notes % notes.size]
     slot.code, slot.value = code, value
@@ -299,40 +297,40 @@ def add_note(table: Table, c: Any, code: int, value: float) -> None:
 
 @njit(cache=True, nogil=True)
 def meter_of(table: Table) -> Any:
-    """The METER_T record."""
+    """Return the METER_T record."""
     return record(table[3 * METER], METER_T)
 
 
 @njit(cache=True, nogil=True)
 def ring_of(table: Table) -> Any:
-    """The telemetry ring's records."""
+    """Return the telemetry ring's records."""
     shape = (table[3 * TELEMETRY_RING + 1],)
     return carray(pointer(table[3 * TELEMETRY_RING]), shape, TELEMETRY)
 
 
 @njit(cache=True, nogil=True)
 def command_ring_of(table: Table) -> Any:
-    """The command ring's records."""
+    """Return the command ring's records."""
     shape = (table[3 * COMMAND_RING + 1],)
     return carray(pointer(table[3 * COMMAND_RING]), shape, COMMAND)
 
 
 @njit(cache=True, nogil=True)
 def bytes_at(table: Table, place: int) -> NDArray[np.uint8]:
-    """The (n, m) bytes at a place."""
+    """Return the (n, m) bytes at a place."""
     shape = (table[3 * place + 1], table[3 * place + 2])
     return carray(pointer(table[3 * place]), shape, types.uint8)
 
 
 @njit(cache=True, nogil=True)
 def takes(c: Any, event: int) -> bool:
-    """Whether the present state takes this event at all."""
+    """Return whether the present state accepts this event."""
     return bool(NEXT[c.state, event] != NOTHING)
 
 
 @njit(cache=True, nogil=True)
 def happens(c: Any, event: int, now_ns: int) -> bool:
-    """An event of dehyst.daemon.loop.states: True where it began another state."""
+    """Apply an event of dehyst.daemon.loop.states; return True where the state changed."""
     after = NEXT[c.state, event]
     if after == NOTHING or after == c.state:
         return False
@@ -343,6 +341,6 @@ def happens(c: Any, event: int, now_ns: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def drop_targets(c: Any, q: Any) -> None:
-    """Forget trajectory and set-point."""
+    """Drop trajectory and set-point."""
     targets.clear(q)
     c.target, c.learned = NAN, 0.0

@@ -1,9 +1,9 @@
-"""What surrounds the step in a sample, for both loops: requests and commands before it,
-deadlines, causes, histograms and the telemetry ring after it.
+"""Kernels around the step of a sample, for both loops: requests and commands before it; deadlines,
+causes, histograms and the telemetry ring after it.
 
-    take_requests -> make_voltage (NaN: none is to be written) -> the caller writes -> finish
+    take_requests -> make_voltage (NaN: write nothing) -> the caller writes -> finish
 
-What lies between the first two for several axes stands in dehyst.daemon.loop.axes.kernels.
+With several axes, dehyst.daemon.loop.axes.kernels runs what comes between the first two.
 """
 
 from typing import Any, NamedTuple
@@ -53,18 +53,18 @@ DRIVER_IO, COMPUTE = as_int64(MissCause.DRIVER_IO), as_int64(MissCause.COMPUTE)
 LATE_WAKE = as_int64(MissCause.LATE_WAKE)
 NOT_WRITTEN, WRITTEN, NOT_TAKEN = 0, 1, 2
 ANSWER_NS = 200_000
-"""What may lie between the output's change and the end of the call that made it, at the least: an
-acknowledgement on its way through a serial port and the scheduler."""
+"""Time allowed between the output's change and the end of the call that made it: the
+acknowledgement passes through a serial port and the scheduler."""
 ENOUGH = 100
-"""After so many writes the shortest of them is known."""
+"""Number of writes after which the shortest duration is known."""
 
 
 @njit(cache=True, nogil=True)
 def take_requests(table: Table, clock_ns: int) -> None:
     """Take requests and commands.
 
-    clock_ns: the time now, which may be late: the slew limit holds by the clock, so a sample that
-    follows a late one closely moves less.
+    clock_ns: the present time, which may be late. The slew limit holds by the clock, so a sample
+    soon after a late one moves less.
     """
     m, c, p = meter_of(table), control_of(table), settings_record_of(table)
     now_ns = m.scheduled_ns
@@ -81,7 +81,7 @@ def take_requests(table: Table, clock_ns: int) -> None:
         m.swap = 0
     if m.actuator_back != 0:
         recover(table, now_ns, m.back_v)
-        # what it took at last may have changed the output just now
+        # a write that it accepted last may have changed the output just now
         c.wrote_ns, c.move_ns = clock_ns, 0
         m.actuator_ok, m.actuator_back = 1, 0
     begin_step(table, now_ns, _take(table, m, c))
@@ -89,21 +89,21 @@ def take_requests(table: Table, clock_ns: int) -> None:
 
 @njit(cache=True, nogil=True)
 def make_voltage(table: Table) -> float:
-    """Step; the voltage to write, NaN where none is to be written. The reading has been put into
-    the meter before."""
+    """Make the step; return the voltage to write, NaN: write nothing. The reading must be in the
+    meter already."""
     m, c, r = meter_of(table), control_of(table), record_of(table)
     make_step(table, m.scheduled_ns, m.measured)
     if c.state == FAULT or m.actuator_ok == 0 or m.doubtful != 0:
         r.volts = c.volts
         return NAN
     if r.volts == c.volts and (c.state == READY or c.found != 0):
-        return NAN  # nobody commands, or it stands there by its own report, which may be off
+        return NAN  # no client commands, or the device reports this voltage, which may be off
     return r.volts
 
 
 @njit(cache=True, nogil=True)
 def _take(table: Table, m: Any, c: Any) -> int:
-    """Copy new commands from their ring: how many."""
+    """Copy new commands from their ring; return their number."""
     if table[3 * at.COMMAND_WORDS] == 0:
         return 0
     words = whole_at(table, at.COMMAND_WORDS)
@@ -112,7 +112,7 @@ def _take(table: Table, m: Any, c: Any) -> int:
         return 0
     ring, out = command_ring_of(table), commands_of(table)
     data, checks = bytes_at(table, at.COMMAND_DATA), whole_at(table, at.COMMAND_CHECKS)
-    if not 0 <= head - m.tail < FARTHEST:  # overwritten: the gateway counts on from what was taken
+    if not 0 <= head - m.tail < FARTHEST:  # overwritten: the gateway continues from the tail
         add_note(table, c, COMMANDS_DAMAGED, 1.0)
         store(words, HEAD, m.tail)
         return 0
@@ -122,7 +122,7 @@ def _take(table: Table, m: Any, c: Any) -> int:
     for i in range(start, end):
         place = i % ring.size
         out[taken] = ring[place]
-        # judged after the copy: one that was overwritten meanwhile is another number
+        # checked after the copy: a record overwritten meanwhile has another number
         if checks[place] == digest(data[place], i):
             taken += 1
     if start > m.tail:
@@ -145,10 +145,10 @@ def finish(
     written_ns: int,
     call_ns: int,
 ) -> int:
-    """Close the sample: model, record, deadline, ring. Returns how many deadlines were missed.
+    """Close the sample: model, record, deadline, ring. Return how many deadlines were missed.
 
-    finished_ns, io_ns: of all axes; written_ns, call_ns: when this axis' write ended, and how long
-    one takes at the least.
+    finished_ns, io_ns: of all axes; written_ns: end of this axis' write; call_ns: the least time
+    that its call takes.
     """
     m, c, p, r = meter_of(table), control_of(table), settings_record_of(table), record_of(table)
     scheduled_ns = m.scheduled_ns
@@ -194,7 +194,7 @@ def finish(
     if table[3 * at.TELEMETRY_WORDS] != 0:
         words, ring = whole_at(table, at.TELEMETRY_WORDS), ring_of(table)
         data, checks = bytes_at(table, at.TELEMETRY_DATA), whole_at(table, at.TELEMETRY_CHECKS)
-        head = m.samples - 1  # by its own count, whatever became of the file's
+        head = m.samples - 1  # its own count, even if the file was changed
         place = head % ring.size
         ring[place] = r
         checks[place] = digest(data[place], head)
@@ -203,8 +203,8 @@ def finish(
 
 
 class ThreadUsage(NamedTuple):
-    """What the thread spent since the sample before: page faults, changes of thread, time that it
-    was ready without a CPU, time within the drivers; and the CPU that it runs on."""
+    """Usage of the thread since the previous sample: page faults, context switches, time ready
+    without a CPU, time in the drivers; and the CPU that it runs on."""
 
     major: int
     minor: int
@@ -216,11 +216,11 @@ class ThreadUsage(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _surely_after(least_ns: int) -> int:
-    """How long after its voltage was made the output changes at the earliest.
+    """Return the least time from the start of a write to the change of the output.
 
-    A call that took long may have changed the output at its end, the next one may do it at once: so
-    that no window holds more than the slew limit allows, time counts from the end of the one call
-    to the earliest moment of the next, which is all of the shortest call but its answer.
+    A slow call may change the output at its end, and the next call may change it early. So that no
+    time window exceeds the slew limit, time counts from the end of one call to the earliest change
+    by the next, which comes after the shortest call minus the acknowledgement time.
     """
     return max(least_ns - ANSWER_NS, least_ns // 2)
 
@@ -233,13 +233,13 @@ def _cause(
     finished_ns: int,
     spent: ThreadUsage,
 ) -> int:
-    """Why a deadline was missed: the largest part of the time that has a known reason."""
+    """Return why a deadline was missed: the known reason for the largest part of the time."""
     took_ns = finished_ns - scheduled_ns
     cause, excused_ns = 0, 0
     if table[3 * at.WITNESS] != 0:
         logs = whole_grid_at(table, at.WITNESS)
         cause, excused_ns = excuse(logs, spent.cpu, scheduled_ns, finished_ns)
-        # the timer was set on the CPU that the loop went to sleep on
+        # the timer was set on the CPU on which the loop went to sleep
         before = meter_of(table).cpu
         if cause == 0 and before != spent.cpu:
             cause, excused_ns = excuse(logs, before, scheduled_ns, finished_ns)
@@ -249,7 +249,7 @@ def _cause(
         return cause
     if spent.major > 0:
         return PAGE_FAULT
-    # ready and without a CPU; a switch alone may have been the witness, which is brief
+    # ready but without a CPU; a switch alone may be due to the witness, which is brief
     if 4 * spent.waited_ns >= took_ns or (spent.waited_ns == 0 and spent.switches > 0):
         return PREEMPTED
     if 2 * (woke_ns - scheduled_ns) >= took_ns:

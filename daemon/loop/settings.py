@@ -1,8 +1,8 @@
-"""The settings of a run of the loop, one row a setting: the only place that lists them.
+"""The settings of a run of the loop, one row per setting: the only place that lists them.
 
-From the rows of LoopSettings comes the record that the kernels read (SETTINGS_T, in the kernels
-`p`). To add a setting: a key with its default and bounds in dehyst.daemon.config, a row and its
-value here, and the kernel that uses it.
+The record that the kernels read (SETTINGS_T, named `p` in the kernels) is made from the rows of
+LoopSettings. To add a setting, add a key with its default and bounds in dehyst.daemon.config, a row
+and its value here, and use it in a kernel.
 """
 
 from dataclasses import dataclass, fields
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from dehyst.daemon.config import Config
 
 FLATTEST = 0.5
-"""Slope of the loop just after a reversal, as part of its mean: a glide, which is timed in
-displacement, needs no more volts a second than the ramp even there."""
+"""Slope of the hysteresis loop just after a reversal, relative to its mean. A glide is timed in
+displacement; with this factor it needs no more volts per second than the ramp even there."""
 
 
 @dataclass(frozen=True)
 class LoopSettings:
-    """From configuration, model and device limits; volts at the actuator."""
+    """Settings from configuration, model and device limits; voltages are the actuator's."""
 
     period_ns: int
     gain: float  # actuator volts per drive unit
@@ -42,8 +42,8 @@ class LoopSettings:
     def from_config(
         cls, config: Config, origin: float, min_v: float, max_v: float, slope: float
     ) -> "LoopSettings":
-        """min_v, max_v: the tighter of the configured limits and the unit's own; slope:
-        displacement per drive unit, of the whole range."""
+        """Return the settings. min_v, max_v: the tighter of the configured limits and the unit's
+        own; slope: displacement per drive unit over the whole range."""
         ramp_v = config.safe.ramp_v_per_s * config.period_ns * 1e-9
         return cls(
             period_ns=config.period_ns,
@@ -64,7 +64,7 @@ class LoopSettings:
         )
 
     def record(self) -> NDArray[Any]:
-        """The same as the kernels read it: a (1,) SETTINGS_T array."""
+        """Return the settings as the kernels read them: a (1,) SETTINGS_T array."""
         record = np.zeros(1, SETTINGS_T)
         for name in SETTINGS_T.names or ():
             record[name] = getattr(self, name)

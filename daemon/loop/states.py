@@ -1,15 +1,16 @@
-"""The loop's states and what leads from one to another: one table, read by the kernels of both
-loops, by the documentation (docs/loop-states.md) and by an exhaustive test.
+"""The loop's states and transitions: one table, read by the kernels of both loops, by the
+documentation (docs/loop-states.md) and by an exhaustive test.
 
-A cell names the state that follows. "-": the event is taken and the state stays; "x": nothing
-happens at all. Events of one sample come in this order: end, recovered, commands, stale, arrived.
+A cell names the next state. "-": the event is accepted and the state does not change; "x": the
+event is ignored. Events of one sample are handled in this order: end, recovered, commands, stale,
+arrived.
 
     target   a set-point or a point of a trajectory
-    halt     a client stops the motion, or withdraws the trajectory that is played
-    release  a client gives the stage back: to the safe voltage now
+    halt     a client stops the motion, or withdraws the trajectory that is being played
+    release  a client releases the stage: it ramps to the safe voltage now
     stale    no target for setpoint.stale_s
-    arrived  the output has come to its safe voltage
-    fault    a device failed, or contradicts what was written
+    arrived  the output has reached its safe voltage
+    fault    a device failed, or its report contradicts what was written
     ramp     the devices are back, safe.on_fault = "ramp"
     stay     the devices are back, safe.on_fault = "hold"
     end      the process is asked to end
@@ -63,4 +64,4 @@ def _parse(table: str) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
 
 
 NEXT = _parse(TABLE)
-"""(states, events) -> the state that follows, NOTHING where the event is not taken."""
+"""(states, events) -> the next state, NOTHING where the event is ignored."""

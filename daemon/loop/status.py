@@ -1,7 +1,7 @@
-"""The loop's monitor: its meter and histograms, its status and its events; requests to it.
+"""The loop's monitor: its meter and histograms, its status and events, and requests to it.
 
-Both loops share it. The kernels count and note; here Python makes records and words of that,
-once a second, at every change of state, and when something happened.
+Both loops share it. The kernels count and make notes; Python turns these into records and messages
+once a second, at every change of state, and after every event.
 """
 
 import os
@@ -31,7 +31,7 @@ _NOTES = (CONTROL_T.names or ()).index("notes")
 
 
 class SensorConversion(NamedTuple):
-    """How the sensor is read: at every n-th sample, and from its unit to the model's."""
+    """How the sensor is read: scale and zero convert its unit to the model's; every n-th sample."""
 
     scale: float = 1.0
     zero: float = 0.0
@@ -39,16 +39,16 @@ class SensorConversion(NamedTuple):
 
 
 AS_IT_COMES = SensorConversion()
-SEEN_NS = 1_000_000_000  # of readings, before gauge and model are compared
+SEEN_NS = 1_000_000_000  # duration of readings before gauge and model are compared
 FAR = 0.02
-"""Of the reach: at a start a larger difference between gauge and model is an unknown place, and
-more than noise or the gauge's own zero."""
+"""Part of the reach: at a start, a larger difference between gauge and model means an unknown
+position, not noise or the gauge's zero."""
 NO_ROWS = np.zeros(0, records_in_memory.FOLLOW_T)
 
 
 def begin_together(monitors: Sequence["LoopMonitor"], now_ns: int) -> None:
-    """Put the first deadline of all axes at the same grid point, behind now_ns; nothing where the
-    loop has already run."""
+    """Set the first deadline of all axes to the same grid point after now_ns, unless the loop has
+    already run."""
     first, *others = monitors
     first.begin(now_ns)
     for monitor in others:
@@ -56,14 +56,14 @@ def begin_together(monitors: Sequence["LoopMonitor"], now_ns: int) -> None:
 
 
 def addresses_of(monitors: Sequence["LoopMonitor"]) -> NDArray[np.int64]:
-    """(n,) addresses of the axes' tables, for the kernels."""
+    """Return (n,) addresses of the axes' tables, for the kernels."""
     return np.array([monitor.stepper.table.address for monitor in monitors], np.int64)
 
 
 class LoopMonitor:
-    """One controller's meter, by name of METER_T: `monitor.numbers[PLACE["missed"]]`.
+    """One controller's meter, by names of METER_T: `monitor.numbers[PLACE["missed"]]`.
 
-    numbers, floats: the meter's fields as Python integers or floats, the same memory.
+    `numbers`, `floats`: the meter's fields as Python integers or floats, in the same memory.
     fill_status: adds to a STATUS record what only the core knows.
     """
 
@@ -121,34 +121,34 @@ class LoopMonitor:
 
     @property
     def samples(self) -> int:
-        """Samples so far."""
+        """Return the number of samples so far."""
         return int(self.numbers[PLACE["samples"]])
 
     @property
     def missed(self) -> int:
-        """Deadlines missed so far."""
+        """Return the number of deadlines missed so far."""
         return int(self.numbers[PLACE["missed"]])
 
     # -- requests ---------------------------------------------------------------------------------
 
     def command(self, commands: NDArray[Any]) -> None:
-        """Let these COMMAND records come in, as the gateway does."""
+        """Send these COMMAND records to the loop, as the gateway does."""
         self._rings["command"].push_many(commands)
 
     def use_witness(self, witness: Witness) -> None:
-        """Let this witness excuse late samples; the loop takes its deadlines' grid from it."""
+        """Let this witness explain late samples; the loop takes its grid of deadlines from it."""
         self.numbers[PLACE["scheduled_ns"]] = witness.grid_ns
         self.stepper.table.put(records_in_memory.WITNESS, witness.logs)
 
     def begin(self, now_ns: int) -> None:
-        """Put the first deadline behind now_ns; nothing where the loop has already run."""
+        """Set the first deadline after now_ns, unless the loop has already run."""
         period_ns = self.stepper.settings.period_ns
         if self.samples == 0:
             grid_ns = self.numbers[PLACE["scheduled_ns"]] or now_ns
             self.numbers[PLACE["scheduled_ns"]] = next_ns(grid_ns, now_ns, period_ns)
 
     def stop(self) -> None:
-        """End: the output goes to its configured state first. From any thread or signal handler."""
+        """Stop, after the output reached its configured state. For any thread or signal handler."""
         self.numbers[PLACE["stop"]] = 1
 
     def reload(
@@ -158,9 +158,9 @@ class LoopMonitor:
         origin: float,
         rows: NDArray[Any] = NO_ROWS,
     ) -> None:
-        """Let the loop take another model at its next sample. From any thread. rows: (n,) FOLLOW_T,
-        what its channels are of the other axes."""
-        for _ in range(1000):  # one that came just before
+        """Let the loop use another model from its next sample on. May be called from any thread.
+        rows: (n,) FOLLOW_T, the channels that follow other axes."""
+        for _ in range(1000):  # wait for a previous request
             if self.numbers[PLACE["swap"]] == 0:
                 break
             clock.sleep_s(0.001)
@@ -173,20 +173,20 @@ class LoopMonitor:
         self.numbers[PLACE["swap"]] = inverse.address
 
     def _settle_reload(self) -> None:
-        """The old model is kept until the loop has let go of it."""
+        """Free the old model once the loop no longer uses it."""
         if self._next is not None and self.numbers[PLACE["swap"]] == 0:
             self.stepper.taken(*self._next)
             self.stepper.follow(self._next_rows)
             self._next = None
 
-    # -- what the loop says -----------------------------------------------------------------------
+    # -- status and events ------------------------------------------------------------------------
 
     def attend(self, now_ns: int) -> None:
-        """Publish what is due: cheap when nothing is."""
+        """Publish status and events that are due; cheap when nothing is."""
         due = now_ns - self._status_ns >= clock.NS
         if self._control[_NOTES] != self._notes:
             self._notes = self._control[_NOTES]
-            # readings behind a zero that has moved must not be compared with those before
+            # readings after a shift of the zero must not be compared with those before
             due |= self.stepper.trim["zero"][0] != self._status["gauge_zero"][0]
             self.stepper.collect_events()
             self._settle_reload()
@@ -199,7 +199,7 @@ class LoopMonitor:
             self._publish_events(now_ns)
 
     def publish_status(self, now_ns: int) -> None:
-        """One STATUS record; the histograms start again."""
+        """Push one STATUS record and restart the histograms."""
         stepper = self.stepper
         self._status_ns, self._last_state = now_ns, self._control[_STATE]
         row = self._status[0]
@@ -234,7 +234,7 @@ class LoopMonitor:
         self._rings["status"].push(row)
 
     def _offer_zero(self, row: Any) -> None:
-        """Say once that the stage is elsewhere than the model has it: its past is unknown."""
+        """Report once that the stage is not where the model predicts: its past is unknown."""
         if self._placed or row["state"] != State.READY or self.samples * row["period_ns"] < SEEN_NS:
             return
         self._placed = True
@@ -247,7 +247,7 @@ class LoopMonitor:
             )
 
     def _mend(self) -> None:
-        """Look whether the rings are whole still: a reader that attaches later relies on them."""
+        """Repair damaged rings, because a reader that attaches later relies on them."""
         for name, ring in self._rings.items():
             try:
                 if not ring.mend():

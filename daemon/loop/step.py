@@ -1,11 +1,11 @@
-"""One sample of the controller, without clock, bus or device: the kernels' face in Python.
+"""One sample of the controller, without clock, bus or device: the kernels' Python interface.
 
-What each state does to the voltage stands in dehyst.daemon.rings.records.State, the rules
-themselves in dehyst.daemon.loop.step_kernel. The sensor is read before the voltage is written: a
-voltage is made for the target one period on, and `predicted` is what the model expected of the
-reading in the same record. Everything here is deterministic: the same inputs give the same records,
-which is how recorded runs are replayed in the tests. Targets and displacements count from the
-set-point origin, voltages are the actuator's.
+dehyst.daemon.rings.records.State describes what each state does to the voltage;
+dehyst.daemon.loop.step_kernel has the rules. The sensor is read before the voltage is written: a
+voltage is computed for the target one period ahead, and `predicted` is the model's prediction of
+the reading in the same record. Everything here is deterministic: the same inputs give the same
+records, so the tests can replay recorded runs. Targets and displacements count from the set-point
+origin, voltages are the actuator's.
 """
 
 from typing import Any
@@ -35,8 +35,8 @@ class Stepper:
     """The controller's state and its step.
 
     volts: the output as last written. `record`: a (1,) TELEMETRY array that each step fills
-    (times, I/O figures and missed deadlines are the loop's to add). `table`: the addresses of
-    everything, for the kernels. `events`: what happened, in words, until somebody clears them.
+    (the loop adds times, I/O figures and missed deadlines). `table`: addresses of all arrays, for
+    the kernels. `events`: messages about what happened, until a caller clears them.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Stepper:
         volts: float,
         trimmed: NDArray[Any] | None = None,
     ) -> None:
-        """trimmed: (1,) SETTING of dehyst.models.learning.trim; None: no trim, nothing learned."""
+        """trimmed: (1,) SETTING of dehyst.models.learning.trim; None: no trim, no learning."""
         self.settings = settings
         self.queue = TrajectoryQueue(settings.queue_points)
         self.record = np.zeros(1, TELEMETRY)
@@ -86,39 +86,39 @@ class Stepper:
         self.use(compensator, compensator.init(volts / settings.gain))
 
     def use(self, compensator: Compensator, inverse: CompensatorState) -> None:
-        """Take this compensator in this state, before the first sample."""
+        """Use this compensator in this state; call it before the first sample."""
         self.fill_channels(compensator, inverse)
         self.taken(compensator, inverse)
         self.control["inverse"] = inverse.address
         self.control["predicted"] = inverse.reading - self.settings.origin
 
     def fill_channels(self, compensator: Compensator, inverse: CompensatorState) -> None:
-        """Make an inverse ready to be taken: channels as measured last."""
+        """Fill an inverse's channels with the newest measured values, before it is used."""
         for i, name in enumerate(compensator.channels):
             inverse.channels[i] = self._channels.get(name, NAN)
 
-    # -- requests from outside the sample's journey -------------------------------------------
+    # -- requests from outside the sample -----------------------------------------------------
 
     def stop(self, now_ns: int) -> None:
-        """Begin to end: the output goes to its configured state."""
+        """Begin to stop: the output goes to its configured state."""
         step_kernel.stop(self.table.words, now_ns)
 
     @property
     def stopped(self) -> bool:
-        """True when the output has reached its state at the end of the daemon."""
+        """Return True when the output has reached its state for the daemon's end."""
         return bool(step_kernel.stopped(self.table.words, 0))
 
     def fault(self, now_ns: int, text: str) -> None:
-        """A device failed: drop targets, no further voltage until `recover`."""
+        """Handle a failed device: drop targets and write no voltage until `recover`."""
         step_kernel.fault(self.table.words, now_ns)
         self.events.append(text)
 
     def recover(self, now_ns: int, volts: float) -> None:
-        """The devices are back and the output stands at `volts`."""
+        """Continue after a failure: the devices are back and the output is at `volts`."""
         step_kernel.recover(self.table.words, now_ns, volts)
 
     def reload(self, compensator: Compensator, inverse: CompensatorState, origin: float) -> None:
-        """Another model, its state already led along the past drive; the output does not jump."""
+        """Use another model, its state already led along the past drive, without an output jump."""
         self.fill_channels(compensator, inverse)
         step_kernel.swap(self.table.words, inverse.address, origin)
         self.taken(compensator, inverse)
@@ -128,7 +128,7 @@ class Stepper:
         self.table.put(records_in_memory.FOLLOWS, rows)
 
     def taken(self, compensator: Compensator, inverse: CompensatorState) -> None:
-        """The kernels use this inverse now; the one before may go."""
+        """Note that the kernels use this inverse now; the previous one may be freed."""
         self.compensator, self.inverse = compensator, inverse
 
     # -- one sample ---------------------------------------------------------------------------
@@ -139,7 +139,7 @@ class Stepper:
         measured: float,
         commands: NDArray[Any],
     ) -> NDArray[Any]:
-        """Take one sample at the grid point now_ns; returns the (1,) record.
+        """Process one sample at the grid point now_ns; return the (1,) record.
 
         measured: sensor reading as model displacement, NaN where invalid; commands: COMMAND
         records that arrived.
@@ -154,18 +154,18 @@ class Stepper:
         return self.record
 
     def measured(self, name: str, value: float) -> None:
-        """A further channel of the model was read, from any thread; it stands until the next."""
+        """Store a new value of a further channel of the model. May be called from any thread."""
         self._channels[name] = value
         for i, known in enumerate(self.compensator.channels):
             if known == name:
                 self.inverse.channels[i] = value
 
     def follow_output(self, volts: float) -> None:
-        """The output now stands at `volts`; the model follows what was really applied."""
+        """Advance the model by the applied output `volts`."""
         step_kernel.follow_output(self.table.words, volts)
 
     def collect_events(self) -> None:
-        """Put what the kernels noted into `events`, in words."""
+        """Convert the kernels' notes to messages in `events`."""
         made = int(self.control["notes"][0])
         if made == self._reported:
             return
@@ -177,29 +177,29 @@ class Stepper:
             self.events.append(f"{lost} further events in the same moment")
         self._reported = made
 
-    # -- what can be seen ---------------------------------------------------------------------
+    # -- properties ---------------------------------------------------------------------------
 
     @property
     def volts(self) -> float:
-        """The output as last written [V]."""
+        """Return the output as last written [V]."""
         return float(self.control["volts"][0])
 
     @property
     def origin(self) -> float:
-        """Model displacement at set-point 0."""
+        """Return the model displacement at set-point 0."""
         return float(self._numbers["origin"][0])
 
     @property
     def state(self) -> State:
-        """What the controller is doing."""
+        """Return the state of the controller."""
         return State(int(self.control["state"][0]))
 
     @property
     def trajectory(self) -> int:
-        """Id of the trajectory being played or played last; 0: none."""
+        """Return the id of the trajectory being played or played last; 0: none."""
         return int(self.control["trajectory"][0])
 
     @property
     def trajectory_done(self) -> bool:
-        """True when that trajectory has been played to its end."""
+        """Return True when that trajectory has been played to its end."""
         return bool(self.control["trajectory_done"][0])

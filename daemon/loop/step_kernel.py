@@ -1,10 +1,10 @@
-"""One sample of the controller as a kernel: inputs in, record out. No clock, device or bus.
+"""One sample of the controller as a kernel, from inputs to record, without clock, device or bus.
 
     admit commands -> age -> state -> target window -> glide -> inverse -> range, slew -> record
 
-`take_step` is all of it for one axis alone. Several axes take it in parts, begin_step for all,
-then `age`, then make_step (dehyst.daemon.loop.axes.kernels); there is no second copy of the rules.
-Everything it works on lies in two tables of addresses (dehyst.daemon.loop.records_in_memory).
+`take_step` does all of this for a single axis. Several axes do it in parts: begin_step for all
+axes, then `age`, then make_step (dehyst.daemon.loop.axes.kernels), so the rules exist only once.
+All data is in two tables of addresses (dehyst.daemon.loop.records_in_memory).
 """
 
 import math
@@ -40,9 +40,9 @@ from dehyst.models.learning import trim
 from dehyst.models.learning.why import Why
 from dehyst.models.model import Floats
 
-STOP_GRACE_NS = 5_000_000_000  # beyond the ramp's own time
+STOP_GRACE_NS = 5_000_000_000  # in addition to the ramp's duration
 
-# enumerations as integers, which compile in less time
+# enumerations as integers, which compile faster
 READY, RUNNING = as_int64(State.READY), as_int64(State.RUNNING)
 HOLDING, STOPPING = as_int64(State.HOLDING), as_int64(State.STOPPING)
 END, FAULT = as_int64(LoopEvent.END), as_int64(LoopEvent.FAULT)
@@ -67,20 +67,20 @@ NOTES_OF_TRIM = np.array(
         Note.TRIM_SETTLING,
     ]
 )
-"""By Why; 0: nothing is said."""
+"""Notes by Why; 0: no note."""
 STOP_FAILED, STOOD_STILL = as_int64(Note.STOP_FAILED), as_int64(Note.STOOD_STILL)
-STILL_NS = 100_000_000  # a loop that stood still for longer glides to where the target has gone
-GLIDE_NS = 100_000_000  # shortest time of a glide: it also takes up the targets' own speed
-MOST_STEEP = 1.5  # of 3 s^2 - 2 s^3
+STILL_NS = 100_000_000  # after a longer pause the stage glides to the target
+GLIDE_NS = 100_000_000  # shortest duration of a glide, which also attains the target's speed
+MOST_STEEP = 1.5  # largest slope of 3 s^2 - 2 s^3
 FIRST_STEP = 0.5
-"""Share of a step that the output may move from where a device reports it: reports are off by some
-tenths of a volt, and that adds to the step. From then on it stands where it was put."""
+"""Part of the slew limit's step that is allowed from a reported output: reports are off by some
+tenths of a volt, which adds to the step. After the first write the output is known."""
 BEYOND = sample.BEYOND_SATURATION | sample.BEYOND_DRIVE | sample.BAD_TARGET
 
 
 @njit(cache=True, nogil=True)
 def stop(table: Table, now_ns: int) -> None:
-    """Begin to end: the output goes to its configured state."""
+    """Begin to stop: the output goes to its configured state."""
     c, p = control_of(table), settings_record_of(table)
     if happens(c, END, now_ns):
         ramps = abs(p.safe_v - c.volts) / p.ramp_v
@@ -89,7 +89,7 @@ def stop(table: Table, now_ns: int) -> None:
 
 @njit(cache=True, nogil=True)
 def stopped(table: Table, now_ns: int) -> bool:
-    """True when the output has reached its state at the end of the daemon, or cannot."""
+    """Return True when the output has reached its state for the daemon's end, or cannot."""
     c, p = control_of(table), settings_record_of(table)
     if c.state != STOPPING:
         return False
@@ -103,7 +103,7 @@ def stopped(table: Table, now_ns: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def fault(table: Table, now_ns: int) -> None:
-    """A device failed: drop targets, no further voltage until `recover`."""
+    """Handle a failed device: drop targets and write no voltage until `recover`."""
     c = control_of(table)
     if happens(c, FAULT, now_ns):
         drop_targets(c, queue_of(table))
@@ -111,7 +111,7 @@ def fault(table: Table, now_ns: int) -> None:
 
 @njit(cache=True, nogil=True)
 def recover(table: Table, now_ns: int, volts: float) -> None:
-    """The devices are back and the output stands at `volts`."""
+    """Continue after a failure: the devices are back and the output is at `volts`."""
     c, p = control_of(table), settings_record_of(table)
     c.found = 1
     follow_output(table, volts)
@@ -121,7 +121,7 @@ def recover(table: Table, now_ns: int, volts: float) -> None:
 
 @njit(cache=True, nogil=True)
 def swap(table: Table, inverse: int, origin: float) -> None:
-    """Another model, its state already led along the past drive; the output does not jump."""
+    """Use another model, its state already led along the past drive, without an output jump."""
     c, p = control_of(table), settings_record_of(table)
     c.inverse, c.pending = inverse, 0
     p.origin = origin
@@ -132,7 +132,7 @@ def swap(table: Table, inverse: int, origin: float) -> None:
 
 @njit(cache=True, nogil=True)
 def take_step(table: Table, now_ns: int, measured: float, n_commands: int) -> None:
-    """Take one sample at the grid point now_ns: fills the record, moves nothing.
+    """Process one sample at the grid point now_ns: fill the record, write no output.
 
     measured: sensor reading as model displacement, NaN where invalid; the first n_commands of
     the COMMANDS array are admitted.
@@ -144,7 +144,7 @@ def take_step(table: Table, now_ns: int, measured: float, n_commands: int) -> No
 
 @njit(cache=True, nogil=True)
 def begin_step(table: Table, now_ns: int, n_commands: int) -> None:
-    """The sample's first part: its commands."""
+    """Do the first part of a sample: its commands."""
     c, p = control_of(table), settings_record_of(table)
     c.made = 0
     still_ns = now_ns - c.step_ns if c.step_ns != 0 else 0
@@ -158,7 +158,7 @@ def begin_step(table: Table, now_ns: int, n_commands: int) -> None:
 
 @njit(cache=True, nogil=True)
 def make_step(table: Table, now_ns: int, measured: float) -> None:
-    """The sample's last part: the voltage, and the record."""
+    """Do the last part of a sample: the voltage and the record."""
     c, p, r = control_of(table), settings_record_of(table), record_of(table)
     flags, mode = 0, MODE_HOLD
     reading = measured - p.origin + trim_of(table).zero
@@ -195,7 +195,7 @@ def make_step(table: Table, now_ns: int, measured: float) -> None:
 
 @njit(cache=True, nogil=True)
 def follow_output(table: Table, volts: float) -> None:
-    """The output now stands at `volts`; the model follows what was really applied."""
+    """Advance the model by the applied output `volts`."""
     c, p = control_of(table), settings_record_of(table)
     c.volts = volts
     c.predicted = _applied(c, volts / p.gain) - p.origin
@@ -203,7 +203,7 @@ def follow_output(table: Table, volts: float) -> None:
 
 @njit(cache=True, nogil=True)
 def _trim(table: Table, c: Any, reading: float) -> int:
-    """Let the gauge correct the target; flags."""
+    """Update the trim from the gauge; return flags."""
     setting, state = trim_setting_of(table), trim_of(table)
     before = state.lasting
     if trim.take(setting, state, reading, c.predicted, c.held != 0, c.state == RUNNING):
@@ -217,7 +217,7 @@ def _trim(table: Table, c: Any, reading: float) -> int:
 
 @njit(cache=True, nogil=True)
 def _applied(c: Any, drive: float) -> float:
-    """Lead the model by one sample at a drive: its next reading."""
+    """Advance the model by one sample at a drive; return its next reading."""
     inverse = inverse_at(c.inverse)
     sample.applied(inverse, drive, c.pending != 0)
     c.pending = 0
@@ -226,7 +226,7 @@ def _applied(c: Any, drive: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _follow(table: Table, c: Any, p: Any, now_ns: int) -> tuple[float, int, int]:
-    """The inverse's voltage for the present target, its mode, and flags."""
+    """Return the inverse's voltage for the present target, its mode, and flags."""
     q, inverse = queue_of(table), inverse_at(c.inverse)
     window, result = inverse.targets, inverse.result[0]
     flags, known = 0, 1
@@ -236,7 +236,7 @@ def _follow(table: Table, c: Any, p: Any, now_ns: int) -> tuple[float, int, int]
             c.target, c.learned = target, learned
         if now_ns < c.approach_until_ns:
             flags |= APPROACH
-    elif c.learned != 0.0:  # what was learned for a trajectory that is over fades
+    elif c.learned != 0.0:  # the correction learned for a finished trajectory fades
         setting = trim_setting_of(table)
         fade = setting.rate * setting.period_s
         c.learned -= min(max(c.learned, -fade), fade)
@@ -251,7 +251,7 @@ def _follow(table: Table, c: Any, p: Any, now_ns: int) -> tuple[float, int, int]
     if c.glide != 0.0:
         _glide(c, p, result.predicted, window)
         flags |= APPROACH
-    # the voltage written now is judged by the next reading, one period on
+    # the voltage written now is compared with the next reading, one period ahead
     sample.propose_drive(inverse, window[1:], known - 1)
     c.pending = 1
     volts, bits = result.drive * p.gain, result.flags
@@ -269,8 +269,8 @@ def _follow(table: Table, c: Any, p: Any, now_ns: int) -> tuple[float, int, int]
 
 @njit(cache=True, nogil=True)
 def _glide(c: Any, p: Any, stands: float, window: Floats) -> None:
-    """Blend the targets with the place where the stage stands, instead of a jump: it leaves with
-    its speed of now, none, arrives with the targets' own, and is no faster than the ramp beside."""
+    """Blend the targets with the stage's present position, to avoid a jump: the glide starts at
+    rest, ends at the target's speed, and never exceeds the ramp rate."""
     if math.isnan(c.glide):
         samples = MOST_STEEP * abs(window[1] - stands) / p.glide_um
         c.glide, c.glide_from = 1.0, stands
@@ -283,13 +283,13 @@ def _glide(c: Any, p: Any, stands: float, window: Floats) -> None:
 
 @njit(cache=True, nogil=True)
 def _ramp(c: Any, p: Any) -> float:
-    """One step from the present output towards the safe voltage."""
+    """Return the voltage one ramp step from the present output towards the safe voltage."""
     return c.volts + min(max(p.safe_v - c.volts, -p.ramp_v), p.ramp_v)
 
 
 @njit(cache=True, nogil=True)
 def _limit(c: Any, p: Any, wanted: float) -> tuple[float, int]:
-    """Range and slew: the last wall before the amplifier."""
+    """Apply range and slew limit, the last check before the amplifier; return voltage and flags."""
     flags = 0
     if not math.isfinite(wanted):
         return c.volts, RANGE

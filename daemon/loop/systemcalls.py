@@ -1,7 +1,7 @@
-"""System calls for compiled code: clock, absolute sleep, counters of the thread. No interpreter.
+"""System calls for compiled code, without the interpreter: clock, absolute sleep, thread counters.
 
-The functions are reached by name (numba's ExternalFunction), so that kernels which use them can
-be cached on disk. `buffer` is an integer array of at least 32 words that belongs to the caller.
+The functions are called by name (numba's ExternalFunction), so that kernels that use them can be
+cached on disk. `buffer` is the caller's integer array of at least 32 words.
 """
 
 import os
@@ -36,21 +36,21 @@ _getcpu = types.ExternalFunction("sched_getcpu", types.int32())
 
 @njit(cache=True, nogil=True)
 def read_clock_ns(buffer: Words) -> int:
-    """CLOCK_MONOTONIC."""
+    """Return CLOCK_MONOTONIC [ns]."""
     _gettime(1, buffer.ctypes.data)
     return buffer[0] * NS + buffer[1]
 
 
 @njit(cache=True, nogil=True)
 def sleep_until_ns(buffer: Words, deadline_ns: int) -> None:
-    """Sleep until CLOCK_MONOTONIC reaches the deadline, or a signal comes."""
+    """Sleep until CLOCK_MONOTONIC reaches the deadline, or a signal arrives."""
     buffer[0], buffer[1] = deadline_ns // NS, deadline_ns % NS
     _nanosleep(1, 1, buffer.ctypes.data, 0)
 
 
 def sleeper() -> Callable[[int], int]:
-    """A function for one thread that sleeps until CLOCK_MONOTONIC reaches its argument, or a signal
-    comes, and returns the time."""
+    """Return a function, for one thread, that sleeps until CLOCK_MONOTONIC reaches its argument or
+    a signal arrives, and returns the time [ns]."""
     buffer = np.zeros(32, np.int64)
 
     def sleep_until(deadline_ns: int) -> int:
@@ -62,14 +62,14 @@ def sleeper() -> Callable[[int], int]:
 
 @njit(cache=True, nogil=True)
 def usage(buffer: Words) -> tuple[int, int, int, int]:
-    """(major faults, minor faults, voluntary, involuntary switches) of this thread."""
+    """Return (major faults, minor faults, voluntary, involuntary switches) of this thread."""
     _getrusage(_RUSAGE_THREAD, buffer.ctypes.data)
     return buffer[_MAJOR], buffer[_MINOR], buffer[_VOLUNTARY], buffer[_INVOLUNTARY]
 
 
 @njit(cache=True, nogil=True)
 def read_proc_number(buffer: Words, file: int, column: int) -> int:
-    """The n-th number in a /proc file's first line (words count as columns); -1: unreadable."""
+    """Return the number in a column (word or number) of a /proc file's first line; -1: none."""
     if file < 0:
         return -1
     size = _pread(file, buffer[TEXT:].ctypes.data, _TEXT_BYTES, 0)
@@ -94,18 +94,18 @@ def read_proc_number(buffer: Words, file: int, column: int) -> int:
 
 @njit(cache=True, nogil=True)
 def waited_ns(buffer: Words, schedstat: int) -> int:
-    """How long this thread was ready to run and had no CPU, so far; 0 where it is not known."""
+    """Return how long this thread has been ready without a CPU [ns]; 0 where it is unknown."""
     return max(0, read_proc_number(buffer, schedstat, 1))
 
 
 @njit(cache=True, nogil=True)
 def cpu() -> int:
-    """The CPU that this thread runs on."""
+    """Return the CPU on which this thread runs."""
     return _getcpu()
 
 
 def open_schedstat() -> int:
-    """The calling thread's schedstat, open; -1 where the kernel has none."""
+    """Open the calling thread's schedstat and return it; -1 where the kernel has none."""
     try:
         return os.open(
             f"/proc/self/task/{threading.get_native_id()}/schedstat", os.O_RDONLY | os.O_CLOEXEC
@@ -116,7 +116,7 @@ def open_schedstat() -> int:
 
 @contextmanager
 def schedstat_for(meters: Sequence[NDArray[Any]]) -> Iterator[None]:
-    """The calling thread's schedstat in each of these meters, until the block ends."""
+    """Put the calling thread's open schedstat in each of these meters during the block."""
     opened = open_schedstat()
     for meter in meters:
         meter["schedstat"] = opened
@@ -130,7 +130,7 @@ def schedstat_for(meters: Sequence[NDArray[Any]]) -> Iterator[None]:
 
 
 def open_stat() -> int:
-    """/proc/stat, open; -1 where there is none. Column 8 of its first line is the steal time."""
+    """Open /proc/stat and return it; -1: none. Column 8 of its first line is the steal time."""
     try:
         return os.open("/proc/stat", os.O_RDONLY | os.O_CLOEXEC)
     except OSError:

@@ -1,7 +1,8 @@
 """Targets of the loop: the newest set-point, or a queue of timed trajectory points.
 
-Pure: times come in, no clock is read. Memory is constant: the queue is two arrays made once and a
-record of numbers, which the kernels here work on; TrajectoryQueue makes and holds them.
+Pure: functions take times as arguments and read no clock. Memory is constant: the queue consists of
+preallocated arrays and a record of numbers, on which the kernels here work; TrajectoryQueue makes
+and holds them.
 """
 
 from typing import Any, NamedTuple
@@ -17,24 +18,24 @@ QUEUE_T = np.dtype(
         ("count", "<i8"),
         ("start_ns", "<i8"),
         ("complete", "<i8"),
-        # of a trajectory that several axes play together (dehyst.daemon.loop.axes.groups)
+        # for a trajectory that several axes play together (dehyst.daemon.loop.axes.groups)
         ("group", "<i8"),  # its number; 0: this axis plays alone
         ("members", "<i8"),  # how many axes
         ("started", "<i8"),  # 1: all members were at their first points
-        ("shift_ns", "<i8"),  # how much later it is played than its times say
-        ("stops", "<i8"),  # NOT: nothing; LASTING, OPEN: it stands still from stop_ns on
-        ("stop_ns", "<i8"),  # by the queue's times
-        ("dry", "<i8"),  # OWN: no point ahead; OTHER: another member has none
+        ("shift_ns", "<i8"),  # how much later than its times it is played
+        ("stops", "<i8"),  # NOT: no stop; LASTING, OPEN: its time pauses from stop_ns on
+        ("stop_ns", "<i8"),  # in the queue's times
+        ("dry", "<i8"),  # OWN: no point ahead; OTHER: another member has no point ahead
     ]
 )
 NOT, LASTING, OPEN = 0, 1, 2
-"""Behind stop_ns: all targets are known; it stands there for long; what comes is not known yet."""
+"""After stop_ns: all targets are known; the axis rests there; later targets are not known yet."""
 OWN, OTHER = 1, 2
 FAR_NS = 1 << 62
 
 
 class Points(NamedTuple):
-    """A queue's arrays, (capacity,) each: times [ns], targets, and what was learned for them."""
+    """A queue's arrays, (capacity,) each: times [ns], targets, and their learned corrections."""
 
     times: NDArray[np.int64]
     values: NDArray[np.float64]
@@ -44,9 +45,9 @@ class Points(NamedTuple):
 class TrajectoryQueue:
     """Timed points of one trajectory at a time, read by linear interpolation.
 
-    times_ns (offsets from the trajectory's start) must increase. A trajectory starts when its
-    first point arrives: its time zero is put at `start_ns`, which leaves time for the approach.
-    corrections: what was learned for each point; kept apart from its target.
+    Times (offsets from the trajectory's start) must increase. A trajectory starts when its first
+    point arrives: its time zero is set to `start_ns`, which leaves time for the approach.
+    corrections: learned correction of each point, separate from its target.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -57,19 +58,19 @@ class TrajectoryQueue:
 
     @property
     def points(self) -> Points:
-        """The arrays as the kernels take them."""
+        """Return the arrays in the form that the kernels take."""
         return Points(self.times, self.values, self.corrections)
 
     @property
     def begun_ns(self) -> int:
-        """When the trajectory's time is 0; 0: there is none, or its group has not started."""
+        """Return when the trajectory's time is 0; 0: none, or its group has not started."""
         queue = self.numbers[0]
         if queue["group"] and not queue["started"]:
             return 0
         return int(queue["start_ns"]) + int(queue["shift_ns"])
 
     def ahead_s(self, now_ns: int) -> float:
-        """Seconds of trajectory that lie ahead of now."""
+        """Return the remaining time of the trajectory [s]."""
         queue = self.numbers[0]
         if queue["count"] == 0:
             return 0.0
@@ -79,7 +80,7 @@ class TrajectoryQueue:
 
 @njit(cache=True, nogil=True)
 def clear(queue: Any) -> None:
-    """Forget everything. queue: a QUEUE_T record, as in all kernels here."""
+    """Reset the queue. queue: a QUEUE_T record, as in all kernels here."""
     queue.id = queue.group = 0
     queue.first = queue.count = queue.start_ns = queue.complete = 0
     queue.members = queue.started = queue.shift_ns = 0
@@ -88,13 +89,13 @@ def clear(queue: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def end_ns(queue: Any, times: NDArray[np.int64]) -> int:
-    """Time of the newest point, by the queue's times."""
+    """Return the time of the newest point, in the queue's times."""
     return times[(queue.first + queue.count - 1) % times.size]
 
 
 @njit(cache=True, nogil=True)
 def drop_until(queue: Any, times: NDArray[np.int64], at_ns: int) -> None:
-    """Forget the points before the last one that is not after at_ns, by the queue's times."""
+    """Drop the points before the last one that is not after at_ns, in the queue's times."""
     dropped = 0
     while queue.count - dropped > 1:
         if times[(queue.first + dropped + 1) % times.size] > at_ns:
@@ -106,7 +107,7 @@ def drop_until(queue: Any, times: NDArray[np.int64], at_ns: int) -> None:
 
 @njit(cache=True, nogil=True)
 def queued_target(queue: Any, points: Points, time_ns: int) -> float:
-    """The target at a time, without what was learned; the nearest point's where none is there."""
+    """Return the target at a time, without correction; outside the points, that of the nearest."""
     times, capacity = points.times, points.times.size
     at = time_ns - queue.shift_ns
     if queue.stops != NOT:
@@ -133,7 +134,7 @@ def append(
     correction: float,
     last: bool,
 ) -> bool:
-    """Add a point; False where it is refused."""
+    """Append a point; return False where it is refused."""
     times = points.times
     if queue.count == times.size or queue.complete != 0:
         return False
@@ -150,7 +151,7 @@ def append(
 
 @njit(cache=True, nogil=True)
 def starved(queue: Any, times: NDArray[np.int64], now_ns: int) -> bool:
-    """True when an incomplete trajectory has no point at or after now, or when its group waits."""
+    """Return True when an incomplete trajectory has no point from now on, or its group waits."""
     if queue.count > 0 and queue.group != 0:
         return queue.dry != 0
     return queue.count > 0 and queue.complete == 0 and now_ns > end_ns(queue, times)
@@ -158,7 +159,7 @@ def starved(queue: Any, times: NDArray[np.int64], now_ns: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def finished(queue: Any, times: NDArray[np.int64], now_ns: int) -> bool:
-    """True when a complete trajectory lies in the past."""
+    """Return True when a complete trajectory has been played to its end."""
     if queue.group != 0 and queue.started == 0:
         return False
     played_ns = now_ns - queue.shift_ns
@@ -173,8 +174,8 @@ def window(
     period_ns: int,
     out: NDArray[np.float64],
 ) -> tuple[int, float, float]:
-    """Targets with their corrections at now, now + period, ... into out: how many are known; and
-    target and correction of now alone. Drops what is over."""
+    """Write corrected targets at now, now + period, ... to out. Return how many are known, and the
+    present target and correction separately. Points that are over are dropped."""
     times = points.times
     capacity, complete = times.size, queue.complete != 0
     stop_ns = FAR_NS if queue.stops == NOT else queue.stop_ns

@@ -1,5 +1,5 @@
-"""The slow trim's numbers for this configuration, model and gauge; its arithmetic is
-dehyst.models.learning.trim."""
+"""Settings of the slow trim for a configuration, model and gauge. dehyst.models.learning.trim
+computes the trim."""
 
 import math
 from typing import Any
@@ -13,12 +13,13 @@ from dehyst.models.learning import trim
 from dehyst.models.model import Model
 
 NO_NOISE = 0.002
-"""Of the reach: the noise of a gauge whose model states none."""
+"""Noise of a gauge whose model states none, as part of the reach."""
 
 
 def gauge_lag_s(config: Config, model: Model, spec: DeviceSpec | None) -> float:
-    """How late the loop knows of a change [s]: the sensor's lag and delay as the model has them,
-    its driver's call, the wait for the next reading, and the period until the voltage acts."""
+    """Return the delay with which the loop sees a change [s]: the model's lag and delay of the
+    sensor, the driver's call, the wait for the next reading, and the period until the voltage
+    acts."""
     period_s = config.period_ns * 1e-9
     every, call_s = 1, 0.0
     if spec is not None:
@@ -29,9 +30,9 @@ def gauge_lag_s(config: Config, model: Model, spec: DeviceSpec | None) -> float:
 def trim_setting(
     config: Config, model: Model, reach: float, spec: DeviceSpec | None = None
 ) -> NDArray[Any]:
-    """(1,) SETTING of dehyst.models.learning.trim. reach: range of the displacements that the stage
-    attains; spec: the sensor's, as far as it is known. Raises BadInput for a time constant that
-    the gauge is too slow for, with one that would do."""
+    """Return (1,) SETTING of dehyst.models.learning.trim. reach: range of displacements that the
+    stage attains; spec: the sensor's, None: unknown. Raises BadInput for a time constant that is
+    too short for the gauge, and states the shortest one that is long enough."""
     asked, lag_s = config.trim, gauge_lag_s(config, model, spec)
     least_s = trim.least_time_constant_s(lag_s)
     chosen_s = asked.time_constant_s
@@ -54,6 +55,6 @@ def trim_setting(
 
 
 def _round_up(seconds: float) -> float:
-    """The next time above with two digits."""
+    """Round a time up to two digits."""
     step = 10.0 ** (math.floor(math.log10(seconds)) - 1)
     return step * math.ceil(seconds / step - 1e-9)

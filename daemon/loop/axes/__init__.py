@@ -1,1 +1,1 @@
-"""The axes of one controller: each one's parts, and what they have to do with each other."""
+"""The axes of one controller: the parts of each axis, and the coordination between axes."""

@@ -41,15 +41,15 @@ from dehyst.models.modelfile import dumps
 
 RINGS = {"telemetry": (TELEMETRY, 65536), "status": (STATUS, 256), "event": (EVENT, 256)}
 COMMAND_RECORDS = 65536
-CATCH_UP = 3  # times the samples are read that went by while a model was led
-KEPT_MODELS = 2  # whoever knows the one before may still be reading it
+CATCH_UP = 3  # rounds of reading the samples that arrived while a model was led
+KEPT_MODELS = 2  # a reader may still have the previous one open
 FOLLOWED = "axis."
-"""A model's channel `axis.y` is axis y's displacement, `axis.y.drive` its drive."""
+"""A model's channel `axis.y` is the displacement of axis y, `axis.y.drive` is its drive."""
 
 
 @dataclass(frozen=True)
 class ChannelSource:
-    """What a channel of a model is of another axis: its drive, or its displacement."""
+    """Quantity of another axis that a model's channel follows: its drive, or its displacement."""
 
     axis: str
     drive: bool
@@ -58,8 +58,8 @@ class ChannelSource:
 
 
 class ReportedModel(NamedTuple):
-    """What the status says of a model; put in one place at once, since the status is filled by
-    another thread than the one that reloads."""
+    """What the status reports of a model. It is replaced as a whole, because one thread fills the
+    status and another reloads."""
 
     digest: str
     unit: str
@@ -68,8 +68,8 @@ class ReportedModel(NamedTuple):
 
 
 def followed_by(config: Config, channels: tuple[str, ...]) -> dict[str, ChannelSource]:
-    """What an axis' model follows of other axes, by channel: as the configuration binds it, or by
-    its name."""
+    """Return what an axis' model follows of other axes, by channel: as the configuration binds the
+    channel, or by its name."""
     found = {}
     for name in channels:
         bound = config.channels.get(name)
@@ -84,7 +84,7 @@ def followed_by(config: Config, channels: tuple[str, ...]) -> dict[str, ChannelS
 
 
 class AxisCore:
-    """One axis. `open` before anything else, `prepare` before the loop runs.
+    """One axis. Call `open` first, then `begin`, and `prepare` before the loop runs.
 
     report: called with each status record while it is filled.
     """
@@ -97,7 +97,7 @@ class AxisCore:
         self._beside: Mapping[str, AxisCore] = {}
 
     def open(self) -> None:
-        """Open the devices; none stays open where one cannot be."""
+        """Open the devices. If one cannot be opened, none stays open."""
         open_known(self.config, ACTUATOR, self.actuator.device)
         try:
             open_known(self.config, SENSOR, self.sensor.device)
@@ -112,14 +112,14 @@ class AxisCore:
 
     @property
     def at_rest(self) -> bool:
-        """True when the output stands where safe.on_stop wants it."""
+        """Return True when the output is where safe.on_stop requires it."""
         stepper = self.monitor.stepper
         return self.config.safe.on_stop == "hold" or stepper.volts == stepper.settings.safe_v
 
     # -- before the loop ------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Take over limits, model and output."""
+        """Determine limits, model and present output, and make the stepper."""
         config, actuator = self.config, self.actuator.device
         self.min_v, self.max_v = check_limits(config, actuator.spec)
         self._settings, self._first = self._begin_model()
@@ -129,7 +129,7 @@ class AxisCore:
 
     def prepare(self, beside: Mapping[str, "AxisCore"], run: int, every: int, spin_ns: int) -> None:
         """Make the rings and the monitor. beside: all axes by name; run: number of this run;
-        every: the sensor is read in every n-th sample."""
+        every: the sensor is read every n-th sample; spin_ns: busy wait before a deadline."""
         config, stepper, compensator = self.config, self.stepper, self._first
         self._beside = beside
         stepper.use(compensator, self._led(compensator, self._past))
@@ -140,7 +140,7 @@ class AxisCore:
             name: Ring.create(config.directory / f"{name}.ring", dtype, size, run)
             for name, (dtype, size) in RINGS.items()
         }
-        # the command ring is made last: who finds it finds the others, and a status, complete
+        # the command ring is made last: when it exists, the others and a status are complete
         rings["status"].push(self._first_status()[0])
         path = config.directory / "command.ring"
         rings["command"] = Ring.create(path, COMMAND, COMMAND_RECORDS, run)
@@ -156,7 +156,7 @@ class AxisCore:
         )
 
     def say_how(self, loop: str) -> None:
-        """The first events: what runs, and what is not as it should be. loop: in words."""
+        """Add the first events: what runs, and what is wrong. loop: name of the loop's kind."""
         compensator, events = self._first, self.stepper.events
         events.append(f"the loop runs: {compensator.mode} inverse ({compensator.reason}), {loop}")
         if self._about_model:
@@ -165,14 +165,14 @@ class AxisCore:
         events.extend(self._doubt)
 
     def readback_check(self) -> ReadbackCheck | None:
-        """The slow check of the amplifier's report, where it can be asked."""
+        """Return the slow check of the amplifier's report; None where it is not possible."""
         tolerance_v = self.config.actuator.readback_tolerance_v
         if not tolerance_v or not hasattr(self.actuator.device, "readback"):
             return None
         return ReadbackCheck(tolerance_v, self.stepper.volts)
 
     def twin(self) -> LoopMonitor:
-        """A monitor of the same kind that nobody sees: for warming up."""
+        """Return a separate monitor of the same kind, without files, for warming up."""
         stepper = Stepper(self._settings, self._first, self.stepper.volts, self._trim(self.model))
         rings = {
             "command": Ring.scratch(COMMAND, 16),
@@ -208,7 +208,8 @@ class AxisCore:
         return LoopSettings.from_config(self.config, zero, self.min_v, self.max_v, slope)
 
     def _begin_model(self) -> tuple[LoopSettings, Compensator]:
-        """What the model is run with; an accepted one that cannot be run makes way."""
+        """Return the model's settings and compensator. An accepted model that cannot be run is
+        replaced by the configured one."""
         try:
             return self._loop_settings(self.model), self._compensator(self.model)
         except (DehystError, ValueError, ArithmeticError) as error:
@@ -221,7 +222,7 @@ class AxisCore:
         return self._loop_settings(self.model), self._compensator(self.model)
 
     def _led(self, compensator: Compensator, volts: NDArray[np.float64]) -> CompensatorState:
-        """A compensator's state after the given past."""
+        """Return a compensator's state after the voltages of the past."""
         state = compensator.init(float(volts[0]) / self.config.actuator.gain)
         return self._led_on(compensator, state, volts)
 
@@ -233,7 +234,7 @@ class AxisCore:
         return state
 
     def followed(self, compensator: Compensator) -> dict[str, ChannelSource]:
-        """What this model follows of axes that are there, by channel."""
+        """Return what this model follows of existing axes, by channel."""
         found = followed_by(self.config, compensator.channels)
         return {name: what for name, what in found.items() if what.axis in self._beside}
 
@@ -247,7 +248,7 @@ class AxisCore:
         return rows
 
     def unmeasured(self, compensator: Compensator) -> list[str]:
-        """What to tell of channels that are neither measured nor followed."""
+        """Return messages about channels that are neither measured nor followed."""
         measured = {name for name, channel in self.config.channels.items() if channel.driver}
         known = measured | self.followed(compensator).keys()
         names = ", ".join(name for name in compensator.channels if name not in known)
@@ -275,7 +276,7 @@ class AxisCore:
         except (DehystError, ValueError, ArithmeticError) as error:
             monitor.stepper.events.append(f"reload refused; the old model stays in use: {error}")
             return
-        # a set-point means the same place before and after, where the stage's owner changed nothing
+        # a set-point keeps its position, unless the stage's owner changed the model
         same = accepted or (self._accepted and not about)
         about = f" ({about})" if about else ""
         monitor.stepper.events.append(f"model reloaded{about}: {compensator.reason}")
@@ -292,7 +293,7 @@ class AxisCore:
         self.model, self._accepted, self._reported = model, accepted, reported
 
     def _leave_model(self, model: Model) -> str:
-        """Leave the model that the loop really uses where the gateway finds it; its digest."""
+        """Write the model that the loop uses to a file for the gateway; return its digest."""
         text = dumps(model)
         digest = model_digest(text)
         path = model_file(self.config.directory, digest)
@@ -312,7 +313,7 @@ class AxisCore:
     # -- status -----------------------------------------------------------------------------------
 
     def _first_status(self) -> NDArray[Any]:
-        """What clients may know before the first sample."""
+        """Return the status for clients before the first sample."""
         settings, status = self._settings, np.zeros(1, STATUS)
         status["time_ns"], status["wall_ns"] = clock.monotonic_ns(), clock.wall_ns()
         status["state"], status["volts"] = State.START, self.stepper.volts

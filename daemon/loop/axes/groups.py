@@ -1,11 +1,11 @@
-"""Trajectories that several axes play together, as kernels: start, stand still and hold together.
+"""Kernels for a trajectory that several axes play together: they start, pause and hold together.
 
-Each member has its own queue, all with the same time zero. A member that is at its first point
-waits there until all are; then they start, a preview's length later, so that no plan is surprised.
-When one has no points left, time stands still for all of them (QUEUE_T.shift_ns), so that nothing
-jumps when it goes on. When one leaves before its end (fault, release, stop, other commands), the
-others hold. A member that waits for longer than setpoint.stale_s holds, too, as in any trajectory
-that has run dry.
+Each member has its own queue; all queues have the same time zero. A member at its first point waits
+there until all members are at theirs. They start one preview length later, so that every plan sees
+the motion in advance. When one member runs out of points, trajectory time pauses for all
+(QUEUE_T.shift_ns), so that nothing jumps when it continues. When one leaves before its end (fault,
+release, stop, other commands), the others hold. A member that waits longer than setpoint.stale_s
+holds, too, as in any trajectory that has run dry.
 """
 
 import numpy as np
@@ -36,7 +36,7 @@ HALT, GROUP_BROKEN = as_int64(LoopEvent.HALT), as_int64(Note.GROUP_BROKEN)
 
 @njit(cache=True, nogil=True)
 def coordinate(axes: NDArray[np.int64], now_ns: int) -> None:
-    """Let each group start, go on, stand still or hold, before the targets of this sample."""
+    """Let each group start, continue, pause or hold, before the targets of this sample."""
     for i in range(axes.size):
         _leave(table_at(axes[i], N_TABLE))
     for i in range(axes.size):
@@ -53,7 +53,7 @@ def coordinate(axes: NDArray[np.int64], now_ns: int) -> None:
 
 @njit(cache=True, nogil=True)
 def _is_seen(axes: NDArray[np.int64], place: int) -> bool:
-    """Whether an axis before this place plays in the same group."""
+    """Return whether an earlier axis belongs to the same group."""
     group, found = queue_of(table_at(axes[place], N_TABLE)).group, False
     for i in range(place):
         found |= queue_of(table_at(axes[i], N_TABLE)).group == group
@@ -62,7 +62,7 @@ def _is_seen(axes: NDArray[np.int64], place: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _leave(table: Table) -> None:
-    """Notice that an axis does not play its group's trajectory any more."""
+    """Record that an axis no longer plays its group's trajectory."""
     c, q = control_of(table), queue_of(table)
     if c.group == 0:
         return
@@ -97,7 +97,7 @@ def _hold_all(axes: NDArray[np.int64], group: int, now_ns: int) -> None:
 
 @njit(cache=True, nogil=True)
 def _gather(axes: NDArray[np.int64], group: int, now_ns: int) -> None:
-    """Let those that have arrived wait; start all when the last one has."""
+    """Let members that have arrived wait; start all when the last one has arrived."""
     there, arrived, ahead_ns, first_ns = 0, 0, 0, targets.FAR_NS
     wanted = 0
     for i in range(axes.size):
@@ -130,7 +130,7 @@ def _gather(axes: NDArray[np.int64], group: int, now_ns: int) -> None:
 
 @njit(cache=True, nogil=True)
 def _keep_together(axes: NDArray[np.int64], group: int, now_ns: int) -> None:
-    """No member plays beyond what all of them know; at that point time stands still."""
+    """Pause time where the first member runs out of points, so that no member plays further."""
     horizon_ns = targets.FAR_NS  # since the trajectory's time zero
     for i in range(axes.size):
         table = table_at(axes[i], N_TABLE)
@@ -144,7 +144,7 @@ def _keep_together(axes: NDArray[np.int64], group: int, now_ns: int) -> None:
         if q.group != group:
             continue
         if q.started == 0:
-            q.dry = targets.OTHER  # too late: it goes stale at its first point
+            q.dry = targets.OTHER  # joined too late: it goes stale at its first point
             continue
         q.stops, q.dry = targets.NOT, 0
         if horizon_ns == targets.FAR_NS:

@@ -1,13 +1,13 @@
-"""What the axes of a controller have to do with each other within a sample, as kernels.
+"""Kernels that coordinate the axes of a controller within a sample.
 
     requests and commands of all -> groups -> what each follows of the others -> voltages
 
-A controller of one axis goes the same way. axes: (n,) addresses of the axes' tables
+A controller of one axis uses the same path. axes: (n,) addresses of the axes' tables
 (dehyst.daemon.loop.records_in_memory), in the order of the configuration.
 
-A model's channel may be another axis' displacement or drive, in the same sample: all targets are
-known before the first voltage is made; an axis that follows a drive comes after the one that it
-follows. In a circle of drives somebody has to be first: it uses the drive of the previous sample.
+A model's channel may be another axis' displacement or drive in the same sample: all targets are
+known before the first voltage is computed, and an axis that follows a drive comes after the one
+that it follows. In a circle of drives, the first axis uses the drive of the previous sample.
 """
 
 import math
@@ -44,14 +44,14 @@ HELD_BACK = as_int64(Flag.UNREACHABLE | Flag.SLEW | Flag.RANGE)
 
 @njit(cache=True, nogil=True)
 def axis_at(address: int) -> Table:
-    """The table of an axis."""
+    """Return the table of an axis."""
     return table_at(address, N_TABLE)
 
 
 @njit(cache=True, nogil=True)
 def begin_axes(axes: NDArray[np.int64], clock_ns: int, volts: NDArray[np.float64]) -> None:
-    """One sample of all axes up to their voltages: into volts, (n,); NaN: nothing is to be
-    written. The readings have been put into the meters before. clock_ns: as in take_requests."""
+    """Compute one sample of all axes up to their voltages, into volts (n,); NaN: write nothing. The
+    readings must be in the meters already. clock_ns: as in take_requests."""
     for i in range(axes.size):
         take_requests(axis_at(axes[i]), clock_ns)
     now_ns = meter_of(axis_at(axes[0])).scheduled_ns
@@ -68,8 +68,8 @@ def begin_axes(axes: NDArray[np.int64], clock_ns: int, volts: NDArray[np.float64
 
 @njit(cache=True, nogil=True)
 def next_axis(axes: NDArray[np.int64]) -> int:
-    """Whose voltage is made next: the first whose drives to follow have been made; in a circle the
-    first that is left."""
+    """Return the axis whose voltage is made next: the first whose followed drives have been made;
+    in a circle, the first remaining axis."""
     first = -1
     for i in range(axes.size):
         table = axis_at(axes[i])
@@ -88,7 +88,7 @@ def next_axis(axes: NDArray[np.int64]) -> int:
 
 @njit(cache=True, nogil=True)
 def follow_axes(table: Table, now_ns: int) -> None:
-    """Put what this axis' model follows of the others into its channels."""
+    """Write what this axis' model follows of other axes to its channels."""
     channels = inverse_at(control_of(table).inverse).channels
     for k in range(table[3 * FOLLOWS + 1]):
         row = follows_of(table)[k]
@@ -100,9 +100,9 @@ def follow_axes(table: Table, now_ns: int) -> None:
 
 @njit(cache=True, nogil=True)
 def displacement_of(table: Table, now_ns: int) -> float:
-    """Where an axis is one period on, as its model counts (the set-point and its origin: what a
-    recording of its gauge has), without its trim and what it has learned: its target; where it does
-    not follow one (none, held back, gliding): what its model predicts."""
+    """Return an axis' displacement one period ahead in its model's coordinates (set-point plus
+    origin, as in a recording of its gauge), without trim and learned correction. It is the target;
+    where none is followed (no target, limited, gliding), the model's prediction."""
     c, p, q = control_of(table), settings_record_of(table), queue_of(table)
     held_back = record_of(table).flags & HELD_BACK
     if c.state != RUNNING or held_back != 0 or c.glide != 0.0:
@@ -114,7 +114,7 @@ def displacement_of(table: Table, now_ns: int) -> float:
 
 @njit(cache=True, nogil=True)
 def drive_of(table: Table) -> float:
-    """An axis' drive [its model's drive unit]: of this sample where it is made, else the last."""
+    """Return an axis' drive [its model's drive unit]: of this sample if made, else the last one."""
     c = control_of(table)
     volts = record_of(table).volts if c.made != 0 else c.volts
     return volts / settings_record_of(table).gain

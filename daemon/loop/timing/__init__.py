@@ -1,1 +1,1 @@
-"""When the loop wakes, what kept it, and how the process gets its priority."""
+"""Deadlines of the loop, causes of missed ones, and the real-time priority of the process."""

@@ -1,4 +1,4 @@
-"""A histogram of durations on a logarithmic scale: constant memory, constant time, quantiles."""
+"""A histogram of durations on a logarithmic scale, in constant memory and time, with quantiles."""
 
 import numpy as np
 from numba import njit
@@ -17,7 +17,7 @@ def count(bins: NDArray[np.int64], extreme: NDArray[np.float64], us: float) -> N
 
 
 class Histogram:
-    """Durations in microseconds; quantiles are right to 9 % (an eighth of an octave)."""
+    """Durations in microseconds; quantiles are exact to 9 % (an eighth of an octave)."""
 
     def __init__(self) -> None:
         self.bins: NDArray[np.int64] = np.zeros(BINS_PER_OCTAVE * OCTAVES + 1, np.int64)
@@ -31,11 +31,11 @@ class Histogram:
 
     @property
     def maximum(self) -> float:
-        """The longest duration, exact."""
+        """Return the longest duration [us], exact."""
         return float(self.extreme[0])
 
     def quantile(self, share: float) -> float:
-        """Upper edge of the bin that holds the given share; 0 when empty."""
+        """Return the upper edge [us] of the bin that contains the given share; 0 when empty."""
         total = int(self.bins.sum())
         if total == 0:
             return 0.0
@@ -43,26 +43,26 @@ class Histogram:
         return float(min(2.0 ** (slot / BINS_PER_OCTAVE), self.maximum))
 
     def summary(self) -> tuple[float, float, float, float]:
-        """(p50, p99, p99.9, maximum) in microseconds."""
+        """Return (p50, p99, p99.9, maximum) in microseconds."""
         return self.quantile(0.5), self.quantile(0.99), self.quantile(0.999), self.maximum
 
     def clear(self) -> None:
-        """Start a new window; `whole` still has the old one."""
+        """Start a new window; `whole` still includes the old one."""
         self._past += self.bins
         self._past_extreme = max(self._past_extreme, self.maximum)
         self.bins[:] = 0
         self.extreme[0] = 0.0
 
     def whole(self) -> "Histogram":
-        """All windows together."""
+        """Return a histogram of all windows together."""
         every = Histogram()
         every.bins[:] = self._past + self.bins
         every.extreme[0] = max(self._past_extreme, self.maximum)
         return every
 
     def rows(self, per_octave: int = 2) -> list[tuple[float, float, int]]:
-        """(from us, to us, count) of coarser bins, from the first that holds something to the
-        last."""
+        """Return (from us, to us, count) of coarser bins, from the first to the last non-empty
+        one."""
         width = BINS_PER_OCTAVE // per_octave
         inner = self.bins[1:].reshape(-1, width).sum(axis=1)
         edges = 2.0 ** (np.arange(inner.size + 1) / per_octave)

@@ -1,7 +1,7 @@
-"""What the kernel offers a loop with deadlines: priority, locked memory, idle states, timer slack.
+"""Real-time services of the operating system: priority, locked memory, idle states, timer slack.
 
-Every call reports what was really obtained; none of them raises where a privilege is missing,
-because the daemon must also run for a user who has none (and then says so in its status).
+Every call reports what was really obtained. None raises where a privilege is missing, because the
+daemon must also run for a user without privileges (and then reports it in its status).
 """
 
 import ctypes
@@ -29,7 +29,7 @@ def _libc() -> ctypes.CDLL:
 
 @dataclass(frozen=True)
 class Obtained:
-    """What the process got of what it asked for."""
+    """Real-time properties that the process obtained."""
 
     fifo: bool
     priority: int
@@ -40,16 +40,17 @@ class Obtained:
 
 
 def leave_realtime() -> None:
-    """Ordinary scheduling for the calling thread, which may have inherited the loop's priority."""
+    """Set ordinary scheduling for the calling thread, which may have the loop's priority."""
     if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def enter_realtime(priority: int, cpu: int, rate_hz: float) -> Obtained:
-    """FIFO scheduling at `priority` (0: leave), pin to `cpu` (-1: leave), lock memory, gc off.
+    """Set FIFO scheduling at `priority` (0: leave), pin to `cpu` (-1: leave), lock memory, and turn
+    garbage collection off.
 
-    For the calling thread and threads that it makes later. A loop with priority and a rate from
-    AWAKE_FROM_HZ on also keeps the CPUs out of idle states that take long to leave.
+    This applies to the calling thread and threads that it makes later. A loop with priority and a
+    rate of AWAKE_FROM_HZ or more also keeps the CPUs out of idle states that take long to leave.
     """
     advice = []
     if cpu >= 0:
@@ -78,7 +79,7 @@ def enter_realtime(priority: int, cpu: int, rate_hz: float) -> Obtained:
             f"idle states not bounded: {IDLE_LATENCY} is not writable (the udev rule opens it to "
             "the daemon's group); wake-ups may take some 100 us longer"
         )
-    # other threads give way within 50 us instead of 5 ms
+    # other threads release the interpreter within 50 us instead of 5 ms
     sys.setswitchinterval(5e-5)
     gc.collect()
     gc.freeze()
@@ -95,7 +96,7 @@ def enter_realtime(priority: int, cpu: int, rate_hz: float) -> Obtained:
 
 @functools.cache
 def stay_awake() -> bool:
-    """Ask the kernel for idle states without exit latency; the wish lasts as long as the process.
+    """Request idle states without exit latency; the request lasts as long as the process.
 
     The file must stay open for that (Linux, Documentation/power/pm_qos_interface.rst).
     """
@@ -108,16 +109,16 @@ def stay_awake() -> bool:
 
 
 NICE = {"run": -10, "core": -10, "safe": -15, "gateway": -5, "page": 5}
-"""Who gets the processor first beside others on a busy machine, by the process' command: what
-keeps the output safe before what serves clients. The doctor takes the lowest by itself."""
+"""Nice values by command: on a busy machine, the processes that keep the output safe come before
+those that serve clients. The doctor sets the lowest priority itself."""
 EXPENDABLE = {"page": 500, "doctor": 800}
-"""oom_score_adj: whom the kernel ends first where memory runs out."""
+"""Values of oom_score_adj: which process the kernel ends first when memory runs out."""
 
 
 def take_place(command: str) -> None:
-    """This thread and those that it starts get the priority of their process, where allowed. A
-    session is weighed as a group, which has a value of its own: only the process that leads it
-    sets that, because all that runs in a terminal is of one session."""
+    """Give this thread, and those that it starts, the priority of their process, where allowed. The
+    scheduler weighs a session as a group with its own nice value; only the process that leads the
+    session sets it, because everything run in a terminal belongs to one session."""
     if os.getsid(0) == os.getpid():
         with suppress(OSError, KeyError):
             Path("/proc/self/autogroup").write_text(f"{NICE[command]}", "ascii")
@@ -128,14 +129,14 @@ def take_place(command: str) -> None:
 
 
 def finest_timer() -> None:
-    """Wake this thread at the nanosecond that it asks for; ordinary threads get 50 us of slack."""
+    """Set the timer slack of this thread to 1 ns; ordinary threads have 50 us."""
     _libc().prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
 
 
 @contextmanager
 def raised(priority: int) -> Iterator[None]:
-    """FIFO scheduling at `priority` for the calling thread while the block lasts, where allowed;
-    0: leave it."""
+    """Set FIFO scheduling at `priority` for the calling thread during the block, where allowed; 0:
+    leave it."""
     if priority == 0:
         yield
         return
@@ -152,10 +153,10 @@ def raised(priority: int) -> Iterator[None]:
 
 
 def die_with_parent(signal_number: int) -> None:
-    """Ask the kernel to send this process `signal_number` when its parent dies, where
-    $DEHYST_SUPERVISED says that it has one to die with: its number, or 1 where that is not given.
+    """Ask the kernel to send this process `signal_number` when its parent dies, if
+    $DEHYST_SUPERVISED is set: to the parent's process number, or 1 where that is not given.
 
-    Raises SystemExit where the parent had died before the kernel was asked.
+    Raises SystemExit where the parent had already died.
     """
     parent = os.environ.get("DEHYST_SUPERVISED", "")
     if not parent.isdigit() or not system.LINUX:

@@ -1,9 +1,9 @@
-"""A witness beside the loop: a thread that does nothing but sleep, and says when it was late.
+"""A witness thread that only sleeps, and records when it was woken late.
 
-One thread a CPU, compiled, without the interpreter, at a higher priority than the loop. Where the
-loop was late and the witness on its CPU was late in the same moment, the loop is not to blame; the
-witness's own counters say what was: the process was stopped, another task had the CPU, or the
-machine (hypervisor, firmware, interrupts) stood still.
+There is one compiled thread per CPU, without the interpreter, at a higher priority than the loop.
+If the loop was late while the witness on its CPU was late, too, the loop is not the cause. The
+witness's counters distinguish the causes: the process was stopped, another task had the CPU, or the
+machine (hypervisor, firmware, interrupts) paused.
 """
 
 import os
@@ -27,11 +27,11 @@ from dehyst.daemon.loop.timing import realtime
 from dehyst.daemon.loop.timing.deadlines import next_ns
 from dehyst.daemon.rings.records import MissCause
 
-EVENTS = 256  # late wake-ups that are remembered
+EVENTS = 256  # number of late wake-ups that are kept
 STEAL_TICK_NS = 10_000_000  # /proc/stat counts in hundredths of a second
-# A wake-up beside a fast loop costs it microseconds: at 100 us a 10 kHz loop missed twice as much.
+# Each wake-up costs a fast loop microseconds: at 100 us a 10 kHz loop missed twice as many.
 SHORTEST_PERIOD_NS, LONGEST_PERIOD_NS = 500_000, 1_000_000
-SHORTEST_ODD_NS = 25_000  # a wake-up that is late by less is nothing out of the ordinary
+SHORTEST_ODD_NS = 25_000  # smaller lateness is normal
 PREEMPTED, STEAL = int(MissCause.PREEMPTED), int(MissCause.STEAL)
 STALL, SUSPENDED = int(MissCause.STALL), int(MissCause.SUSPENDED)
 
@@ -65,7 +65,7 @@ def log_late_wakeups(
             cause = STALL
             if 2 * (waited_now - waited) >= late:
                 cause = PREEMPTED
-            elif slept_now - slept > 1:  # it slept more often than it asked to
+            elif slept_now - slept > 1:  # it slept more often than it requested
                 cause = SUSPENDED
             elif late >= STEAL_TICK_NS:
                 steal_now = read_proc_number(buffer, stat, 8)
@@ -82,9 +82,9 @@ def log_late_wakeups(
 
 @njit(cache=True, nogil=True)
 def excuse(logs: NDArray[np.int64], cpu: int, from_ns: int, to_ns: int) -> tuple[int, int]:
-    """(MissCause, nanoseconds) of the longest late wake-up on a CPU that overlaps an interval.
+    """Return (MissCause, lateness [ns]) of the longest late wake-up on a CPU in an interval.
 
-    logs: (CPUs, 1 + 3 EVENTS); NONE where that CPU's witness was on time, or there is none.
+    logs: (CPUs, 1 + 3 EVENTS). The cause is NONE where that CPU's witness was on time or missing.
     """
     cause, longest = 0, 0
     if cpu < 0 or cpu >= logs.shape[0]:
@@ -101,10 +101,10 @@ def excuse(logs: NDArray[np.int64], cpu: int, from_ns: int, to_ns: int) -> tuple
 
 
 class Witness:
-    """The threads. period_ns: the loop's; grid_ns: one of its deadlines, past or to come. The
-    witness wakes in the middle between two deadlines, where the loop has long finished.
+    """The threads. period_ns: the loop's; grid_ns: one of its deadlines, past or future. The
+    witness wakes midway between two deadlines, when the loop has finished.
 
-    logs: (CPUs, 1 + 3 EVENTS), for `excuse`; a CPU outside `cpus` has an empty row.
+    `logs`: (CPUs, 1 + 3 EVENTS), for `excuse`; a CPU outside `cpus` has an empty row.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class Witness:
             try:
                 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(min(priority + 1, 99)))
             except OSError:
-                priority = 0  # no privilege: neither has the loop
+                priority = 0  # no privilege: the loop has none either
         realtime.finest_timer()
         start_ns = next_ns(start_ns, clock.monotonic_ns() + period_ns, period_ns)
         log_late_wakeups(
@@ -147,7 +147,7 @@ class Witness:
         )
 
     def seen(self) -> list[tuple[int, int, MissCause]]:
-        """(wake time ns, lateness ns, cause) of late wake-ups on all CPUs, as far as remembered."""
+        """Return (wake time ns, lateness ns, cause) of the kept late wake-ups on all CPUs."""
         found = []
         for log in self.logs:
             rows = log[1 : 1 + 3 * min(int(log[0]), EVENTS)].reshape(-1, 3)
@@ -156,7 +156,7 @@ class Witness:
 
     @property
     def count(self) -> int:
-        """Late wake-ups on all CPUs."""
+        """Return the number of late wake-ups on all CPUs."""
         return int(self.logs[:, 0].sum())
 
     def close(self) -> None:

@@ -86,7 +86,7 @@ CHANGES = [
         Change(
             "no-glide-of-a-starved-stream",
             COMMANDS,
-            "        c.glide = NAN  # time has gone on; a group's stood still\n",
+            "        c.glide = NAN  # time went on meanwhile; a group's time paused\n",
             "        pass\n",
             "a stream that returns makes the stage jump",
         ),
