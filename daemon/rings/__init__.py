@@ -1,1 +1,1 @@
-"""What the processes share: records, and the rings that carry them."""
+"""Data shared by the processes: records, and the rings that carry them."""

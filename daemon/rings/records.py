@@ -1,9 +1,9 @@
-"""The records that core and gateway exchange through their rings, and what their codes mean.
+"""Records that core and gateway exchange through their rings, and the meaning of their codes.
 
-telemetry.ring  core -> gateway   one TELEMETRY a sample, every sample
-status.ring     core -> gateway   one STATUS a second and at every change of state
+telemetry.ring  core -> gateway   one TELEMETRY per sample, for every sample
+status.ring     core -> gateway   one STATUS per second and at every change of state
                                   (dehyst.daemon.rings.status)
-event.ring      core -> gateway   EVENT: what happened, in words
+event.ring      core -> gateway   EVENT: messages about what happened
 command.ring    gateway -> core   COMMAND: set-points, trajectory points, requests
 
 Displacements are in the model's unit and count from the configured set-point origin; voltages
@@ -24,11 +24,11 @@ TELEMETRY = np.dtype(
         ("actual_ns", "<i8"),  # when the loop really woke
         ("target", "<f8"),  # set-point of this sample; NaN: none
         ("measured", "<f8"),  # sensor, read before `volts` is written; NaN: no valid reading
-        ("predicted", "<f8"),  # what the model expected of this reading
-        ("trim", "<f8"),  # what the gauge's slow trim adds to the target
-        ("learned", "<f8"),  # what was learned from earlier passes and is added to the target
-        ("volts_raw", "<f8"),  # what the inverse asked for
-        ("volts", "<f8"),  # what was written
+        ("predicted", "<f8"),  # the model's prediction of this reading
+        ("trim", "<f8"),  # the slow trim's correction, added to the target
+        ("learned", "<f8"),  # correction learned from earlier passes, added to the target
+        ("volts_raw", "<f8"),  # voltage that the inverse requested
+        ("volts", "<f8"),  # voltage that was written
         ("flags", "<u4"),  # Flag
         ("state", "u1"),  # State
         ("mode", "u1"),  # Mode of the inverse
@@ -48,39 +48,39 @@ COMMAND = np.dtype(
         ("last", "u1"),  # POINT: the trajectory ends here; SETPOINT, HOLD: until another command
         ("client", "<u8"),
         ("trajectory", "<u8"),
-        ("members", "u1"),  # POINT: how many axes play this together
-        ("group", "<i8"),  # POINT: their number, 0: this axis alone
+        ("members", "u1"),  # POINT: number of axes that play this together
+        ("group", "<i8"),  # POINT: number of their group, 0: this axis alone
         ("offset_ns", "<i8"),  # POINT: time since the trajectory's start
         ("value", "<f8"),
-        ("correction", "<f8"),  # POINT: added to the target's value, which stays what is asked for
+        ("correction", "<f8"),  # POINT: added to `value`; the reported target stays `value`
     ]
 )
 
 
 def model_digest(text: str) -> str:
-    """The digest of a model file's text: 16 letters."""
+    """Return the digest of a model file's text: 16 hexadecimal digits."""
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def model_file(directory: Path, digest: str) -> Path:
-    """Beside the rings: the model that the loop runs, whatever became of the configured file. The
-    STATUS record of a run names it."""
+    """Return the path, in the rings' folder, of the model that the loop runs, which may differ from
+    the configured file by now. The STATUS record of a run contains its digest."""
     return directory / f"model-{digest}.toml"
 
 
 class State(IntEnum):
-    """What the loop is doing, and what that does to the voltage."""
+    """States of the loop, and the effect of each on the voltage."""
 
     START = 0  # devices opening: the output stays as found
     READY = 1  # no client commands: the output stays
     RUNNING = 2  # following set-points: inverse, within range and slew
     HOLDING = 3  # set-points went stale: hold, then ramp to the safe voltage, then READY
     FAULT = 4  # a device failed: no new voltage until it is back; then `safe.on_fault`
-    STOPPING = 5  # asked to end: `safe.on_stop`, then close
+    STOPPING = 5  # the daemon ends: `safe.on_stop`, then close
 
 
 class Flag(IntFlag):
-    """What was out of the ordinary in a sample."""
+    """Exceptional conditions of a sample."""
 
     UNREACHABLE = 1  # target outside the reachable range; nearest drive used
     SLEW = 2  # the slew limit limited the voltage
@@ -97,7 +97,7 @@ class Flag(IntFlag):
 
 
 class Mode(IntEnum):
-    """Which inverse made the voltage."""
+    """The inverse that computed the voltage."""
 
     NONE = 0
     STATIC = 1
@@ -114,16 +114,16 @@ class LoopCommand(IntEnum):
     STOP_MOTION = 3  # drop targets: HOLDING
     RELEASE = 4  # drop targets and ramp to the safe voltage now
     CLEAR = 5  # forget queued trajectory points of `trajectory`
-    TRUST = 6  # value 0: the mismatch watch does not trust stage or gauge; 1: it does
+    TRUST = 6  # value 0: the mismatch watch distrusts stage or gauge; 1: it trusts them
     ZERO = 7  # value: added to every reading from now on
     HOLD = 8  # drop targets and keep the present voltage: HOLDING
 
 
 class MissCause(IntEnum):
-    """Why a deadline was missed: counters of the kernel, and a witness beside the loop.
+    """Why a deadline was missed, by counters of the kernel and by a witness thread.
 
-    The witness is a thread at a higher priority on the same CPU that does nothing but sleep. Where
-    it was late in the same moment, the fault is not the program's.
+    The witness only sleeps, at a higher priority on the same CPU. If it was late at the same time,
+    the program is not the cause.
     """
 
     NONE = 0
@@ -138,7 +138,7 @@ class MissCause(IntEnum):
 
 
 def name_of(kind: Any, value: int) -> str:
-    """Lower-case name of an enumeration's value; the number where it has none."""
+    """Return the lower-case name of an enumeration's value; the number where it has none."""
     try:
         return str(kind(value).name).lower()
     except ValueError:

@@ -1,13 +1,13 @@
 """Memory-mapped rings between the loop's process and the network's process.
 
-One file a ring (see dehyst.daemon.rings.layout). One process writes, one reads; neither ever waits
-for the other. The writer publishes by storing the record and its check first and the head
-afterwards, with a full fence between (needed on aarch64, free on x86-64). A reader that is slower
-than the ring is long loses the oldest records, learns how many, and never sees a torn one: each
-record is looked at with its check after it was copied.
+Each ring is one file (see dehyst.daemon.rings.layout). One process writes, one reads; neither ever
+waits for the other. The writer publishes by storing the record and its check first and the head
+afterwards, with a full fence between (needed on aarch64, free on x86-64). A reader that lags
+by more than the ring's capacity loses the oldest records, learns how many, and never sees a
+torn one, because each record is verified against its check after it was copied.
 
-A plain file is mapped, not multiprocessing.SharedMemory: up to Python 3.12 the latter unlinks
-the segment when the *attaching* process exits.
+The ring maps a plain file instead of multiprocessing.SharedMemory: up to Python 3.12 the latter
+unlinks the segment when the *attaching* process exits.
 """
 
 import mmap
@@ -58,7 +58,7 @@ def _fence(typingctx: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def store(words: NDArray[np.int64], index: int, value: int) -> None:
-    """Write a header word so that everything written before it is seen before it."""
+    """Write a header word so that everything written before it becomes visible before it."""
     _fence()
     words[index] = value
     _fence()
@@ -66,7 +66,7 @@ def store(words: NDArray[np.int64], index: int, value: int) -> None:
 
 @njit(cache=True, nogil=True)
 def load_word(words: NDArray[np.int64], index: int) -> int:
-    """Read a header word anew."""
+    """Read a header word from memory again."""
     _fence()
     value = words[index]
     _fence()
@@ -75,7 +75,7 @@ def load_word(words: NDArray[np.int64], index: int) -> int:
 
 @njit(cache=True, nogil=True)
 def digest(data: NDArray[np.uint8], number: int) -> int:
-    """The check of a record (its bytes) with its number: FNV-1a."""
+    """Return the check of a record (its bytes) with its number: FNV-1a."""
     value = (_BASIS ^ np.uint64(number)) * _PRIME
     for byte in data:
         value = (value ^ np.uint64(byte)) * _PRIME
@@ -84,7 +84,7 @@ def digest(data: NDArray[np.uint8], number: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _seal(data: NDArray[np.uint8], checks: NDArray[np.int64], first: int, count: int) -> None:
-    """Put the checks of `count` records that were just stored beside them."""
+    """Store the checks of `count` records that were just written."""
     for number in range(first, first + count):
         place = number % checks.size
         checks[place] = digest(data[place], number)
@@ -94,7 +94,7 @@ def _seal(data: NDArray[np.uint8], checks: NDArray[np.int64], first: int, count:
 def _whole(
     data: NDArray[np.uint8], checks: NDArray[np.int64], first: int, whole: NDArray[np.bool_]
 ) -> None:
-    """Which of the records from `first` on still agree with their checks."""
+    """Write to `whole` which of the records from `first` on agree with their checks."""
     for i in range(whole.size):
         place = (first + i) % checks.size
         whole[i] = checks[place] == digest(data[place], first + i)
@@ -103,17 +103,17 @@ def _whole(
 class Ring:
     """A ring in a file. `create` makes and owns it, `attach` opens an existing one.
 
-    words: the header as (16,) int64; records: (capacity,) structured array; checks: (capacity,)
-    int64; data: the records as (capacity, record size) bytes; all of them memory-mapped. run:
-    number of the writer's run. damaged: records that this reader has dropped because their check
-    did not agree.
+    `words`: the header as (16,) int64; `records`: (capacity,) structured array; `checks`:
+    (capacity,) int64; `data`: the records as (capacity, record size) bytes; all of them
+    memory-mapped. `run`: number of the writer's run. `damaged`: number of records that this reader
+    dropped because their check did not agree.
     """
 
     def __init__(
         self, path: Path, mapping: mmap.mmap, dtype: np.dtype[Any], file: int, capacity: int
     ) -> None:
         self.path, self._mapping, self._file = path, mapping, file
-        # one that nobody closed is closed with its last reference
+        # a file that is not closed explicitly is closed with its last reference
         self._end = weakref.finalize(self, os.close, file) if file >= 0 else lambda: None
         self.words: NDArray[np.int64] = np.frombuffer(mapping, np.int64, HEADER_WORDS)
         self.capacity, start = capacity, 8 * HEADER_WORDS
@@ -127,15 +127,15 @@ class Ring:
         self.run = int(self.words[RUN])
         self.damaged = 0
         head = int(self.words[HEAD])
-        # a writer goes by its own count: what others may do to the file's is put right with it
+        # the writer uses its own count, and repairs the one in the file if others changed it
         self._written = head if 0 <= head < FARTHEST else 0
 
     @classmethod
     def create(cls, path: Path, dtype: np.dtype[Any], capacity: int, run: int = 1) -> "Ring":
         """Make a new ring file of `capacity` records, replacing an old one atomically.
 
-        run: the same number for all rings of one writer, another one each time that it starts. A
-        process that still maps the old file keeps it; it sees by `stale()` that it must attach
+        run: a number common to all rings of one writer, and new at each of its starts. A process
+        that still maps the old file keeps it; `stale()` then returns True, and it must attach
         again. Raises NotNow where there is no room for it.
         """
         size = size_of(dtype, capacity)
@@ -146,14 +146,14 @@ class Ring:
         except OSError as error:
             raise NotNow(f"{path}: cannot be made: {error.strerror}") from None
         try:
-            # written out, not sparse: a full tmpfs fails here and not as SIGBUS in the loop
+            # written in full, not sparse: a full tmpfs fails here, not by SIGBUS in the loop
             with open(file, "wb", closefd=False) as out:
                 out.write(bytes(size))
             mapping = mmap.mmap(file, size)
             words = np.frombuffer(mapping, np.int64, HEADER_WORDS)
             words[LAYOUT_AT], words[CAPACITY_AT] = layout_of(dtype), capacity
             words[ITEM_AT], words[RUN], words[PID] = dtype.itemsize, run, os.getpid()
-            # every page mapped and writable now, or the loop would fault at each new one
+            # make every page mapped and writable now, or the loop would fault at each new page
             np.frombuffer(mapping, np.uint8, size)[:: mmap.PAGESIZE] |= 0
             store(words, MAGIC_AT, MAGIC)
             os.replace(fresh, path)
@@ -168,12 +168,12 @@ class Ring:
 
     @classmethod
     def scratch(cls, dtype: np.dtype[Any], capacity: int) -> "Ring":
-        """A ring without a file, for one process."""
+        """Return a ring without a file, for one process."""
         return cls(Path(), mmap.mmap(-1, size_of(dtype, capacity)), dtype, -1, capacity)
 
     @classmethod
     def attach(cls, path: Path, dtype: np.dtype[Any]) -> "Ring":
-        """Map an existing ring. Raises BadInput where it is missing, damaged or another's."""
+        """Map an existing ring. Raises BadInput where it is missing, damaged or another user's."""
         try:
             file = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
         except OSError as error:
@@ -197,16 +197,16 @@ class Ring:
         return cls(path, mapping, dtype, file, int(header[CAPACITY_AT]))
 
     def stale(self) -> bool:
-        """True when the file at `path` is another one than that which is mapped. One that was
-        removed goes on: both sides still have it."""
+        """Return True when the file at `path` is not the mapped one. A ring whose file was removed
+        continues to work: both sides still map it."""
         try:
             return os.stat(self.path).st_ino != self._inode
         except OSError:
             return False
 
     def mend(self) -> bool:
-        """The writer's look at its own ring: False where the file was cut short or its header
-        overwritten; then both are as they were, and what the file had lost is empty."""
+        """Let the writer check and repair its ring. Return False where the file was truncated or its
+        header overwritten; both are then restored, and lost records are empty."""
         size = size_of(self.records.dtype, self.capacity)
         if self._file < 0:
             return True
@@ -220,22 +220,22 @@ class Ring:
 
     @property
     def head(self) -> int:
-        """Number of records written since the ring was made."""
+        """Return the number of records written since the ring was made."""
         return counted(load_word(self.words, HEAD))
 
     @property
     def tail(self) -> int:
-        """How far the reader has read (see `taken`); survives the reader."""
+        """Return how many records the reader has read (see `taken`); it outlives the reader."""
         head, tail = self.head, counted(load_word(self.words, TAIL))
         return tail if 0 <= head - tail < FARTHEST else head - self.capacity
 
     @property
     def free(self) -> int:
-        """Records that can be pushed before the reader would lose one (see `taken`)."""
+        """Return how many records can be pushed before the reader loses one (see `taken`)."""
         return max(0, self.capacity - (self.head - self.tail))
 
     def push(self, record: Any) -> None:
-        """Write one record. Never waits; the oldest is overwritten."""
+        """Write one record, without waiting; a full ring overwrites its oldest one."""
         head = self._written
         self.records[head % self.capacity] = record
         _seal(self.data, self.checks, head, 1)
@@ -254,15 +254,15 @@ class Ring:
         store(self.words, HEAD, self._written)
 
     def read(self, tail: int, limit: int | None = None) -> tuple[NDArray[Any], int, int]:
-        """Records from number `tail` on: (copies, next tail, number lost before or among them)."""
+        """Return the records from number `tail` on: (copies, next tail, number of lost ones)."""
         head = self.head
-        if not 0 <= head - tail < FARTHEST:  # the head was overwritten: begin where it is now
+        if not 0 <= head - tail < FARTHEST:  # the head was damaged: begin where it is now
             self.damaged += 1
             return self.records[:0].copy(), head, 0
         start = max(tail, head - self.capacity)
         stop = head if limit is None else min(head, start + limit)
         out = self.records[np.arange(start, stop) % self.capacity]
-        # judged after the copy: one that the writer has overwritten meanwhile is another number
+        # checked after the copy: a record overwritten meanwhile has another number
         whole = np.empty(out.size, np.bool_)
         _whole(self.data, self.checks, start, whole)
         if not whole.all():
@@ -272,15 +272,15 @@ class Ring:
         return out, stop, stop - tail - out.size
 
     def taken(self, tail: int) -> None:
-        """The reader says how far it has read, for the writer's `free`."""
+        """Record how many records the reader has read, for the writer's `free`."""
         store(self.words, TAIL, tail)
 
     def close(self) -> None:
-        """Drop the mapping; the file stays for the other side."""
+        """Close the mapping; the file stays for the other side."""
         del self.words, self.records, self.checks, self.data
         self._end()
         self._file = -1
         try:
             self._mapping.close()
-        except BufferError:  # somebody still holds an array on it; the process's end frees it
+        except BufferError:  # an array on it still exists; the process's end frees it
             return

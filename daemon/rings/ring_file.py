@@ -1,7 +1,7 @@
-"""A ring read as a file, by those who must live whatever becomes of it: supervisor and `safe`.
+"""Read a ring as a file, for processes that must survive its damage: supervisor and `safe`.
 
-A mapping of a file that is cut short ends its process with SIGBUS; a read merely comes back
-short. Nothing here needs the compiler.
+If a mapped file is truncated, SIGBUS ends the process; a read only returns fewer bytes. Nothing
+here needs the compiler.
 """
 
 import os
@@ -28,8 +28,8 @@ from dehyst.models.errors import BadInput
 
 
 class RingFile(Closing):
-    """Reads the ring in the file at `path`. Raises BadInput where there is none, or a damaged
-    one; so do all the methods. run, pid: of its writer."""
+    """Reader of the ring in the file at `path`. It and its methods raise BadInput where the ring is
+    missing or damaged. `run`, `pid`: of its writer."""
 
     def __init__(self, path: Path, dtype: np.dtype[Any]) -> None:
         self.path, self._dtype, self._file = path, dtype, -1
@@ -69,20 +69,20 @@ class RingFile(Closing):
         return data
 
     def place(self) -> tuple[int, int]:
-        """(head, tail): records written, records that the reader on the other side has taken."""
+        """Return (head, tail): number of records written, and number taken by the ring's reader."""
         words = self._words()
         return counted(words[HEAD]), counted(words[TAIL])
 
     def stale(self) -> bool:
-        """True when the file at `path` is another one. One that was removed goes on: its writer
-        still has it, and what it writes is read here."""
+        """Return True when the file at `path` is not the open one. After the file was removed, what
+        its writer writes can still be read here."""
         try:
             return os.stat(self.path, follow_symlinks=False).st_ino != self._inode
         except OSError:
             return False
 
     def read(self, first: int = 0) -> tuple[NDArray[Any], int]:
-        """(the records from number `first` on that are there and whole, the head)."""
+        """Return (available undamaged records from number `first` on, the head)."""
         head, _ = self.place()
         numbers = np.arange(max(first, head - self.capacity, 0), head, dtype=np.int64)
         places = numbers % self.capacity

@@ -1,9 +1,9 @@
-"""The folder in which the processes of one daemon meet, and who is at work in it.
+"""The folder that the processes of one daemon share, and the roles that they hold in it.
 
-The folder is its user's own and nobody else can write into it, or the start is refused: whoever
-can lay a file there could have the daemon overwrite another one, or speak to the loop. Each role
-(the supervisor, the process that drives the output, the one that serves the network) is held by
-one process at a time, by a lock of the kernel that ends with its process, however that ends.
+The folder must belong to its user, and nobody else may write into it, or the start is refused: a
+user who can put a file there could make the daemon overwrite another file, or command the loop. One
+process at a time holds each role (supervisor, driver of the output, network server), by a kernel
+lock that ends with its process, however that ends.
 """
 
 import errno
@@ -17,24 +17,24 @@ from dehyst.drivers import system
 from dehyst.models.errors import BadInput, NotNow
 
 SUPERVISOR, OUTPUT, NETWORK, DOCTOR = "supervisor", "output", "network", "doctor"
-"""The roles. OUTPUT: `dehyst core` and `dehyst safe`."""
+"""The roles. `dehyst core` and `dehyst safe` hold OUTPUT."""
 OWN = system.NO_FOLLOW | system.CLOSE_ON_EXEC
 LONGEST_NOTE = 4096
 
 
 class InUse(BadInput):
-    """Another process has the role."""
+    """Another process holds the role."""
 
 
 def make_run_folder(folder: Path) -> None:
-    """Make the folder (mode 0700) where there is none; BadInput where it is not safe to use."""
+    """Make the folder (mode 0700) where there is none. Raises BadInput where it is not safe."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
         found, around = os.lstat(folder), os.stat(folder.parent)
         reason = _why_not(found) or _why_not_in(around)
         if not reason and stat.S_IMODE(found.st_mode) != 0o700:
-            os.chmod(folder, 0o700)  # others could read it, nobody could write into it
+            os.chmod(folder, 0o700)  # others could read it, but not write into it
     except OSError as error:
         reason = f"it cannot be made: {error.strerror}"
     if reason:
@@ -44,7 +44,7 @@ def make_run_folder(folder: Path) -> None:
 
 
 def why_not_trusted(folder: Path) -> str:
-    """Why what lies in this folder is not to be believed: others may write there; "": it may be."""
+    """Return why the files in this folder cannot be trusted (others may write); "": they can."""
     try:
         real = folder.resolve()
         return _why_not(os.lstat(real)) or _why_not_in(os.stat(real.parent))
@@ -53,7 +53,7 @@ def why_not_trusted(folder: Path) -> str:
 
 
 def _why_not(found: os.stat_result) -> str:
-    """Why this folder is not to be used; "": it may be."""
+    """Return why this folder must not be used; "": it may be used."""
     if not stat.S_ISDIR(found.st_mode):
         return "it is a link or a file, not a folder"
     if found.st_uid != system.user_id():
@@ -64,7 +64,7 @@ def _why_not(found: os.stat_result) -> str:
 
 
 def _why_not_in(around: os.stat_result) -> str:
-    """Why no folder in this one is safe: others could put their own in its place."""
+    """Return why no folder in this one is safe: others could replace it; "": it is safe."""
     shared = system.others_may(around) and not around.st_mode & stat.S_ISVTX
     if shared or around.st_uid not in (0, system.user_id()):
         return "others may replace it, because they may write into its parent folder"
@@ -73,9 +73,9 @@ def _why_not_in(around: os.stat_result) -> str:
 
 @contextmanager
 def at_work(folder: Path, role: str, command: str, config: Path | str) -> Iterator[None]:
-    """Hold a role in the folder while the block lasts. InUse names the process that holds it by
-    the command that it runs and its configuration."""
-    import fcntl  # of POSIX; who only looks at a folder needs no lock
+    """Hold a role in the folder during the block. Raises InUse, which names the holding process by
+    its command and configuration."""
+    import fcntl  # POSIX only; reading a folder needs no lock
 
     make_run_folder(folder)
     path = folder / f"{role}.lock"
@@ -97,7 +97,7 @@ def at_work(folder: Path, role: str, command: str, config: Path | str) -> Iterat
         try:
             os.ftruncate(file, 0)
             os.pwrite(file, note.encode()[:LONGEST_NOTE], 0)
-        except OSError:  # a full disk: the lock holds all the same, only without a name
+        except OSError:  # a full disk: the lock is still held, but without a name
             os.ftruncate(file, 0)
         yield
     finally:

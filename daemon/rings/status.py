@@ -1,11 +1,11 @@
-"""The loop's status, one row a field: the only place that lists them.
+"""The loop's status, one row per field: the only place that lists them.
 
-From the rows of LoopStatus come the STATUS record in the ring, the status message on the bus
-(dehyst.daemon.bus.messages.Status), and its JSON. To add a field, add a row here at the end and
-fill it where it is measured: dehyst.daemon.loop.status, or dehyst.daemon.loop.axes.core where it
-does not change with every sample.
+The STATUS record in the ring, the status message on the bus (dehyst.daemon.bus.messages.Status) and
+its JSON are made from the rows of LoopStatus. To add a field, add a row here at the end and fill it
+where it is measured: in dehyst.daemon.loop.status, or in dehyst.daemon.loop.axes.core where it does
+not change with every sample.
 
-Rows without a column are the gateway's to fill. Displacements are in the model's unit and count
+The gateway fills rows without a column. Displacements are in the model's unit and count
 from the set-point origin; voltages are the actuator's; times `_ns` are the controller's
 CLOCK_MONOTONIC unless said otherwise.
 """
@@ -29,7 +29,7 @@ Unit = Annotated[str, Meta(max_length=16)]
 Version = Annotated[int, Meta(ge=1, le=2**31)]
 
 View = Callable[[Any], str]
-"""Words for one cell of the live view, from the whole status."""
+"""Returns the text of one cell of the live view from the whole status."""
 
 
 class Timing(msgspec.Struct, frozen=True, kw_only=True):
@@ -44,7 +44,7 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
 @dataclass(frozen=True)
 class StatusField:
     """A row's part of the record. dtype, size: of the record's field (size 0: one number); read:
-    from there to the message's value; view: what the live view shows, None: nothing."""
+    converts it to the message's value; view: text in the live view, None: not shown."""
 
     dtype: str
     read: Callable[[Any], Any]
@@ -91,7 +91,7 @@ def _p99(name: str, field: str) -> View:
 
 
 def counts(by_name: dict[str, int]) -> str:
-    """Counters as words."""
+    """Return counters as text."""
     return ", ".join(f"{name} {n}" for name, n in by_name.items()) or "none"
 
 
@@ -106,7 +106,7 @@ FROZEN = {
 
 
 def positioning(s: "LoopStatus") -> str:
-    """In words: open loop, trimmed or learned, and how far model and gauge differ now."""
+    """Return as text: open loop, trimmed or learned, and the present gauge minus model."""
     unit, frozen = s.unit, s.trim_frozen
     by = "learned" if s.learned else ""
     if s.trimmed and frozen in FROZEN:
@@ -121,18 +121,18 @@ def positioning(s: "LoopStatus") -> str:
 
 
 def is_starting(s: "LoopStatus") -> bool:
-    """The loop has not come to its first sample: kernels are compiled, devices are opened. While
-    they are compiled its process is silent."""
+    """Return whether the loop has not reached its first sample: it compiles kernels or opens
+    devices. While it compiles, its process sends nothing."""
     return s.period_ns <= 0 or (s.state == "start" and (s.core_alive or not s.samples))
 
 
 def rate(s: "LoopStatus") -> str:
-    """The sampling rate in words."""
+    """Return the sampling rate as text."""
     return f"{1e9 / s.period_ns:g} Hz" if s.period_ns > 0 else "rate not known yet"
 
 
 def place(measured: float, target: float, volts: float, unit: str) -> str:
-    """Where the stage is, in words."""
+    """Return the position of the stage as text."""
     words = [f"measured {measured:.4f} {unit}" if math.isfinite(measured) else "no valid reading"]
     words += [f"target {target:.4f} {unit}" if math.isfinite(target) else "no target"]
     if math.isfinite(measured) and math.isfinite(target):
@@ -246,14 +246,14 @@ STATUS = np.dtype(
     [(n, c.dtype, (c.size,)) if c.size else (n, c.dtype) for n, c in COLUMNS.items()]
     + [("model", "S16")]
 )
-"""model, for the gateway alone: digest of the model that the loop runs, see records.model_file."""
+"""`model` is for the gateway only: digest of the model that the loop runs, see `model_file`."""
 
 
 def message_values(record: Any) -> dict[str, Any]:
-    """The message's values by field name, from one STATUS record."""
+    """Return the message's values by field name, from one STATUS record."""
     return {name: column.read(record[name]) for name, column in COLUMNS.items()}
 
 
 def cells(status: LoopStatus) -> list[str]:
-    """What the live view shows of a status, one text a cell."""
+    """Return the texts that the live view shows of a status, one per cell."""
     return [c.view(status) for c in COLUMNS.values() if c.view is not None]

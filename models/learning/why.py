@@ -13,5 +13,5 @@ class Why(IntEnum):
     STUCK = 4  # the same reading to the last digit while the model moved
     JUMPED = 5  # the reading moved suddenly, the model did not
     BEYOND = 6  # further from the model than is accepted
-    DISTRUSTED = 7  # by the mismatch monitor
+    DISTRUSTED = 7  # by the mismatch watch
     SETTLING = 8  # it jumped, is plausible again, and must stay constant for a while
