@@ -92,7 +92,7 @@ def ramp(
     period_s: float,
     sleep: Callable[[float], None] = clock.sleep_s,
 ) -> float:
-    """Move an output without the loop, in steps at no more than the given rate; return it [V]."""
+    """Move an output without the loop, in steps, at the given rate at most; return the output."""
     step = rate_v_per_s * period_s
     while volts != goal:
         volts += math.copysign(min(step, abs(goal - volts)), goal - volts)

@@ -1,4 +1,4 @@
-"""Check slowly that the amplifier's reported output agrees with what was written.
+"""Compare the amplifier's reported output with what was written, at long intervals.
 
 An MDT693B reports through an ADC with an offset of some 0.2 V that is up to 0.25 s late, so no loop
 is ever closed on it. The report serves to detect that the output differs from what the daemon

@@ -30,7 +30,7 @@ CONTROL_T = np.dtype(
     [
         ("volts", "<f8"),  # the output as last written
         ("found", "<i8"),  # 1: volts is the device's report, which may be off; no move since
-        ("wrote_ns", "<i8"),  # start of the next move's slew budget; 0: not written yet
+        ("wrote_ns", "<i8"),  # time from which the next move's slew budget counts; 0: not written
         ("least_ns", "<i8"),  # shortest duration of a write
         ("writes", "<i8"),  # number of writes
         ("move_ns", "<i8"),  # time for the next move under the slew limit, at most a period

@@ -148,7 +148,8 @@ class LoopMonitor:
             self.numbers[PLACE["scheduled_ns"]] = next_ns(grid_ns, now_ns, period_ns)
 
     def stop(self) -> None:
-        """Stop, after the output reached its configured state. For any thread or signal handler."""
+        """Request the stop: the output first goes to its configured state. May be called from any
+        thread or signal handler."""
         self.numbers[PLACE["stop"]] = 1
 
     def reload(

@@ -69,7 +69,7 @@ def usage(buffer: Words) -> tuple[int, int, int, int]:
 
 @njit(cache=True, nogil=True)
 def read_proc_number(buffer: Words, file: int, column: int) -> int:
-    """Return the number in a column (word or number) of a /proc file's first line; -1: none."""
+    """Return the number in a column (words count) of a /proc file's first line; -1: unreadable."""
     if file < 0:
         return -1
     size = _pread(file, buffer[TEXT:].ctypes.data, _TEXT_BYTES, 0)

@@ -29,7 +29,7 @@ QUEUE_T = np.dtype(
     ]
 )
 NOT, LASTING, OPEN = 0, 1, 2
-"""After stop_ns: all targets are known; the axis rests there; later targets are not known yet."""
+"""NOT: all targets are known; LASTING: the axis rests at stop_ns; OPEN: later ones are unknown."""
 OWN, OTHER = 1, 2
 FAR_NS = 1 << 62
 

@@ -205,8 +205,8 @@ class Ring:
             return False
 
     def mend(self) -> bool:
-        """Let the writer check and repair its ring. Return False where the file was truncated or its
-        header overwritten; both are then restored, and lost records are empty."""
+        """Let the writer check and repair its ring. Return False where the file was truncated or
+        its header overwritten; both are then restored, and lost records are empty."""
         size = size_of(self.records.dtype, self.capacity)
         if self._file < 0:
             return True

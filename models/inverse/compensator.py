@@ -1,9 +1,9 @@
 """Convert upcoming targets into a drive, one sample at a time.
 
 `Compensator` holds what is fixed (model, mode, limits); `CompensatorState` holds what changes, in
-preallocated arrays. `step` proposes a drive; `applied` reports the drive that was really applied
-(a limiter or the converter's resolution may have changed it). The model's memory follows the
-applied drive.
+preallocated arrays. `step` proposes a drive; `applied` takes the drive that was really applied (a
+limiter or the converter's resolution may have changed it). The model's memory follows the applied
+drive.
 
     compensator = Compensator(model, period_s, drive_min, drive_max, slew_per_s)
     state = compensator.init(drive_now)

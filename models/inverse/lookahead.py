@@ -120,7 +120,7 @@ def gather_targets(inv: Inverse) -> None:
 
 @njit(cache=True, nogil=True)
 def present(inv: Inverse) -> float:
-    """Return the present target with the stage blocks undone: hysteresis and parallel blocks."""
+    """Return the present target of hysteresis and parallel blocks, with the stage blocks undone."""
     setting, state = inv.setting[0], inv.state[0]
     late, period = setting.late, setting.period
     if setting.stage_blocks == 0:

@@ -10,8 +10,8 @@ in time it explodes. Solved as one least-squares problem over the window, the un
 integrated backward from the window's end, where the smoothness s_j is made stiff to replace the
 unknown future. The Jacobian takes all operators as moving: dy_j = S' (W_j dx_j + K_j drate_j) with
 W = sum (b + k rate), K = sum k H. This is the slope over a full stroke; it ignores the small
-operators that make the weights non-monotone after each reversal, so they do not stall the
-iteration. The sum includes the drive range and the largest rate, as stiff springs beyond them. Each
+operators that make the weights non-monotone after each reversal, so they do not mislead the
+sweeps. The sum includes the drive range and the largest rate, as stiff springs beyond them. Each
 row has three unknowns: the normal equations are pentadiagonal, and a sweep is O(P n).
 
 The rate at a node is the model's backward difference over the sampling period T = Tp / M, taken

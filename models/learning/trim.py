@@ -5,8 +5,8 @@ model's prediction of it, d = y - y_model:
 
     dw/dt = (-d - w) / T,        |w| <= limit,    |dw/dt| <= rate.
 
-The model is driven by the drive that was really written, after range and slew limits, so d does not
-grow while the output is at a limit: the anti-windup is part of the structure (internal model
+The model follows the drive that was really written, after range and slew limits, so d does not grow
+while the output is at a limit: the anti-windup is part of the structure (internal model
 control: Morari & Zafiriou, Robust Process Control, 1989, ch. 3). With a model of the right gain
 this is plain integral control of the target's error with the time constant T: a constant d leaves
 the error d exp(-t / T), by backward differences d (1 + h / T)^-n after n samples of h, and no

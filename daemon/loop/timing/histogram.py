@@ -17,7 +17,7 @@ def count(bins: NDArray[np.int64], extreme: NDArray[np.float64], us: float) -> N
 
 
 class Histogram:
-    """Durations in microseconds; quantiles are exact to 9 % (an eighth of an octave)."""
+    """Durations in microseconds; quantiles are accurate to 9 % (an eighth of an octave)."""
 
     def __init__(self) -> None:
         self.bins: NDArray[np.int64] = np.zeros(BINS_PER_OCTAVE * OCTAVES + 1, np.int64)
