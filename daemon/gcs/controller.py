@@ -8,7 +8,7 @@ where it was sent until its servo is switched off or the connection that command
 import logging
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,11 +30,9 @@ UNITS = {"um": "UM", "nm": "NM", "mrad": "MRAD", "urad": "URAD"}
 
 @dataclass
 class GcsSession:
-    """State of one connection: its last error and the axes that it commands."""
+    """State of one connection: its last error."""
 
     error: GcsCode = GcsCode.NO_ERROR
-    commands: set[str] = field(default_factory=set)
-    """Names of the axes that it has switched on or moved."""
 
 
 class GcsController:
@@ -46,18 +44,25 @@ class GcsController:
         views = held.look()
         self.names = {(axis or "1").upper(): axis for axis in views}
         self._servo: dict[str, bool] = dict.fromkeys(self.names, False)
+        self._commands: dict[str, GcsSession] = {}  # by axis: who switched it on or moved it last
         self.waves = Waves(tuple(self.names))
         self.lock = threading.Lock()
 
     # -- a connection ---------------------------------------------------------------------------
 
     def leave(self, session: GcsSession) -> None:
-        """Release the axes after a connection that commanded any has ended, as for any client."""
+        """Switch the servos off that an ended connection commanded. All axes are released with the
+        last servo, as for any client; while another connection commands an axis, they stay."""
         with self.lock:
-            if not session.commands:
+            commanded = [name for name, one in self._commands.items() if one is session]
+            if not commanded:
                 return
-            for name in session.commands:
+            flying = any(self.view_of(name).flying for name in commanded)
+            for name in list(self.names) if flying else commanded:  # a wave ends for all axes
                 self._servo[name] = False
+                self._commands.pop(name, None)
+            if any(self._servo.values()):
+                return
             try:
                 self.held.let_go()
             except DehystError as error:
@@ -108,7 +113,7 @@ class GcsController:
                     f"axis {name}: {value:g} {view.unit} is outside {view.low:g} to {view.high:g}",
                 )
         self.held.go({self.names[name]: value for name, value in targets.items()})
-        session.commands.update(targets)
+        self._commands.update(dict.fromkeys(targets, session))
         return ""
 
     def asked(self, name: str) -> float:
@@ -123,10 +128,10 @@ class GcsController:
             on = bool(integer(text, 0, 1, "servo"))
             if on:
                 self.held.take()
-                session.commands.add(name)
+                self._commands[name] = session
                 self._servo[name] = True
             else:
-                session.commands.discard(name)
+                self._commands.pop(name, None)
                 self._servo[name] = False
                 if not any(self._servo.values()):
                     self.held.let_go()
@@ -216,7 +221,7 @@ class GcsController:
             self._need_servo(axis)
         t_s, targets, cycles = self.waves.play_of(begin, self.view_of(begin[0]).period_s)
         self.held.fly(t_s, {self.names[axis]: wave for axis, wave in targets.items()}, cycles)
-        session.commands.update(begin)
+        self._commands.update(dict.fromkeys(begin, session))
         return ""
 
     def clear_waves(self, session: GcsSession, args: Sequence[str]) -> str:

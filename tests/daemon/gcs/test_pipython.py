@@ -279,3 +279,31 @@ def test_three_axes_move_and_scan_together(tmp_path: Path) -> None:
         if served is not None:
             served.close()
         bench.close()
+
+
+def test_a_connection_that_ends_leaves_the_axes_of_another_where_they_are(tmp_path: Path) -> None:
+    bench = AxesBench(tmp_path, "xy")
+    served = None
+    try:
+        bench.start_gateway()
+        served = Served("--connect", bench.address)
+        with served.raw() as first:
+            with served.raw() as second:
+                first.sendall(b"SVO X 1\nMOV X 4\n")
+                assert ask(first, "ERR?\n") == "0\n"
+                second.sendall(b"SVO Y 1\nMOV Y 6\nMOV X 5\n")  # X is now the second one's, too
+                assert ask(second, "ERR?\n") == "0\n"
+                first.sendall(b"MOV X 4\n")  # and the first one's again
+                assert ask(first, "ERR?\n") == "0\n"
+            wait_until("the second has gone", lambda: ask(first, "SVO? Y\n") == "Y=0\n")
+            assert ask(first, "SVO? X\n") == "X=1\n"
+            begun = bench.loops["x"].seq
+            wait_until("a second passes", lambda: bench.loops["x"].seq > begun + 200)
+            assert (bench.loops["x"].samples(begun)["target"] == 4.0).all()
+            first.sendall(b"MOV X 4.5\n")
+            assert ask(first, "ERR?\n") == "0\n"
+        wait_until("it lets go", lambda: bench.loops["x"].state == State.READY, 30.0)
+    finally:
+        if served is not None:
+            served.close()
+        bench.close()

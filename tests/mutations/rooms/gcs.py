@@ -48,6 +48,13 @@ CHANGES = [
             "the stage stays high after the program that commanded it has gone",
         ),
         Change(
+            "others-axes-leave-too",
+            CONTROLLER,
+            "            if any(self._servo.values()):\n                return\n",
+            "",
+            "a connection that ends releases the axes that another one commands",
+        ),
+        Change(
             "stop-lets-go",
             HELD,
             "        if here:\n",
