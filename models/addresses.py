@@ -1,9 +1,9 @@
-"""How compiled code finds arrays: a table of (address, rows, columns), one entry for each array.
+"""Pass arrays to compiled code as one table of (address, rows, columns), one entry per array.
 
-Handing a kernel many arrays from Python costs a few microseconds a call; one table costs one array,
-and each of the arrays may be exchanged. `Addresses.of` makes a table of a (nested) NamedTuple of
-arrays, in the order of its own fields; `tuple_reader` gives the function by which compiled code
-makes the same tuple again.
+Passing many arrays to a kernel from Python costs a few microseconds per call. A table costs as much
+as one array, and each array in it can be replaced. `Addresses.of` makes the table of a (nested)
+NamedTuple of arrays, in the order of its fields; `tuple_reader` returns the function with which
+compiled code rebuilds that tuple.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,7 +21,7 @@ _WORD = ir.IntType(64)
 
 
 def leaves(named: tuple[Any, ...]) -> Iterator[NDArray[Any]]:
-    """The arrays of a tuple and of the tuples in it, in order."""
+    """Yield the arrays of a tuple and of the tuples nested in it, in order."""
     for item in named:
         if isinstance(item, tuple):
             yield from leaves(item)
@@ -30,9 +30,9 @@ def leaves(named: tuple[Any, ...]) -> Iterator[NDArray[Any]]:
 
 
 class Addresses:
-    """Arrays by address: `words` is (3 n,) int64, [address, rows, columns] for each place.
+    """Hold arrays by address: `words` is (3 n,) int64, [address, rows, columns] for each place.
 
-    The arrays are kept alive; they must be C-contiguous and stay where they are.
+    The arrays are kept alive. They must be C-contiguous and must not be moved in memory.
     """
 
     def __init__(self, places: int) -> None:
@@ -41,7 +41,7 @@ class Addresses:
 
     @classmethod
     def of(cls, named: tuple[Any, ...]) -> Self:
-        """The arrays of a NamedTuple, nested ones included, in the order of their fields."""
+        """Make the table of a NamedTuple's arrays, nested ones included, in field order."""
         arrays = list(leaves(named))
         table = cls(len(arrays))
         for place, array in enumerate(arrays):
@@ -49,7 +49,7 @@ class Addresses:
         return table
 
     def put(self, place: int, array: NDArray[Any]) -> None:
-        """Let a place stand for `array`, one- or two-dimensional."""
+        """Put `array`, one- or two-dimensional, in a place. Raises ValueError for any other."""
         if not array.flags.c_contiguous or array.ndim not in (1, 2):
             raise ValueError(f"place {place}: a C-contiguous array of one or two dimensions")
         self.kept[place] = array
@@ -58,13 +58,13 @@ class Addresses:
 
     @property
     def address(self) -> int:
-        """Where the table itself is."""
+        """Address of the table itself."""
         return int(self.words.ctypes.data)
 
 
 @intrinsic
 def pointer(typing: Any, address: Any) -> Any:
-    """An address as a void pointer."""
+    """Return an address as a void pointer."""
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.inttoptr(arguments[0], context.get_value_type(types.voidptr))
@@ -74,7 +74,7 @@ def pointer(typing: Any, address: Any) -> Any:
 
 @intrinsic
 def record(typing: Any, address: Any, dtype: Any) -> Any:
-    """The record of a global dtype at an address, to read and write by name."""
+    """Return the record at an address, with fields read and written by name; dtype: a global."""
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = context.get_value_type(signature.return_type)
@@ -85,12 +85,12 @@ def record(typing: Any, address: Any, dtype: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def table_at(address: int, places: int) -> Words:
-    """The table at an address."""
+    """Return the table at an address."""
     return carray(pointer(address), (3 * places,), types.int64)
 
 
 def _array(context: Any, builder: Any, kind: Any, table: Any, at: Any) -> Any:
-    """The array of a type whose address, rows and columns stand in a table from a word on."""
+    """Build the array of a type; its address, rows and columns are in `table` from word `at` on."""
 
     def number(i: int) -> Any:
         return builder.load(builder.gep(table, [builder.add(at, ir.Constant(_WORD, i))]))
@@ -106,8 +106,8 @@ def _array(context: Any, builder: Any, kind: Any, table: Any, at: Any) -> Any:
 
 
 def _array_reader(kind: Any) -> Callable[[Words, int], Any]:
-    """The function `array_at(table, place)` for compiled code. An intrinsic has no call of its own
-    that would be compiled for each place."""
+    """Return the function `array_at(table, place)` for compiled code. It is an intrinsic, so that
+    numba does not compile a separate call for each place."""
 
     @intrinsic
     def array_at(typing: Any, table: Any, place: Any) -> Any:
@@ -128,8 +128,8 @@ whole_grid_at = _array_reader(types.int64[:, ::1])  # the (n, m) integer array a
 
 
 def tuple_reader(example: tuple[Any, ...]) -> Callable[[int], Any]:
-    """The function `tuple_at(address)` for compiled code: the tuple whose table (`Addresses.of`)
-    lies at an address. example: a tuple of the same types, of any sizes."""
+    """Return the function `tuple_at(address)` for compiled code. It rebuilds the tuple whose table
+    (`Addresses.of`) is at that address. example: a tuple of the same types, of any sizes."""
 
     @intrinsic
     def tuple_at(typing: Any, address: Any) -> Any:

@@ -1,4 +1,4 @@
-"""What dehyst knows of a stage: hysteresis, further blocks, validity, fit, provenance.
+"""The model of a stage: hysteresis, further blocks, validity, fit errors, provenance.
 
 The hysteresis is the modified Prandtl-Ishlinskii model (Qin et al., Eq. 6):
 
@@ -7,12 +7,12 @@ The hysteresis is the modified Prandtl-Ishlinskii model (Qin et al., Eq. 6):
                                                    [c5, 0, c3, 0, c1], descending and odd)
 
 with du/dt the backward difference (u[t] - u[t-1]) / T and 0 at the first sample. The paper's own
-model has u_offset = 0 and odd powers only; even powers and c_0 carry the inner bias that real
-unipolar stacks need. Weights and polynomial share a free scale (the gauge): z scaled by s and
-c_j by s^-j give the same y.
+model has u_offset = 0 and odd powers only; even powers and c_0 represent the internal bias of real
+unipolar stacks. The scale of z is arbitrary (a gauge): scaling z by s and c_j by s^-j gives the
+same y.
 
-Everything here is frozen; arrays are read-only. Units: u in `drive_unit`, y in
-`displacement_unit`, both the recording's own.
+All classes are frozen and their arrays are read-only. u is in `drive_unit`, y in
+`displacement_unit`; both are the recording's units.
 """
 
 from dataclasses import dataclass, field, replace
@@ -80,10 +80,10 @@ class Hysteresis:
 
 @dataclass(frozen=True)
 class Validity:
-    """Where the model was identified: drive range [drive unit], largest rate [drive unit / s],
-    largest change of the rate [drive unit / s^2], band (highest frequency, Hz), sampling period [s]
-    and the longest time [s] that the drive took for a twentieth of its range. None: not known,
-    without a bound."""
+    """The range in which the model was identified: drive range [drive unit], highest rate
+    [drive unit / s], highest acceleration [drive unit / s^2], band (highest frequency, Hz),
+    sampling period [s], and slowest_s, the longest time [s] that the drive took to cross a
+    twentieth of its range. None: not known, no bound."""
 
     drive_min: float
     drive_max: float
@@ -96,8 +96,9 @@ class Validity:
 
 @dataclass(frozen=True)
 class Fit:
-    """Errors of the fit, rms in displacement units; band: half the width of the interval that holds
-    95 % of the displacements predicted on other drives of the range. None: not measured."""
+    """Errors of the fit, rms in displacement units; band: half the width of the interval that
+    contains 95 % of the displacements predicted for other drives in the range. None: not
+    measured."""
 
     rms: float | None = None
     holdout_rms: float | None = None
@@ -107,7 +108,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where the numbers come from. recordings: (file name, sha256) pairs."""
+    """Origin of the model's numbers. recordings: (file name, sha256) pairs."""
 
     created: str = ""
     version: str = ""
@@ -117,12 +118,12 @@ class Provenance:
 
 @dataclass(frozen=True)
 class Block:
-    """One further piece of physics in the cascade.
+    """One further physical effect in the cascade.
 
     kind: a name in dehyst.models.physics.KINDS; place: "drive" (between command and
     hysteresis), "stage" (moves the stage) or "sensor" (acts on the reading alone, and is never
     compensated); params: numbers, each key with its unit (`delay_s`, `gain_per_decade`);
-    channel: the further recording channel that it reads, or "".
+    channel: the additional recording channel that it reads, or "".
     """
 
     kind: str
@@ -133,7 +134,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Model:
-    """A stage's model: hysteresis, blocks in physical order, and what is known of their worth."""
+    """A stage's model: hysteresis, blocks in physical order, range of validity and fit errors."""
 
     hysteresis: Hysteresis
     validity: Validity
@@ -144,5 +145,5 @@ class Model:
     provenance: Provenance = Provenance()
 
     def with_hysteresis(self, hysteresis: Hysteresis) -> "Model":
-        """The same model with another hysteresis."""
+        """Return a copy of the model with another hysteresis."""
         return replace(self, hysteresis=hysteresis)

@@ -1,9 +1,8 @@
-"""The model file: TOML text to Model and back (format 1). Text only; files are the daemon's.
+"""Convert a Model to TOML text and back (format 1). Reading and writing files is the daemon's task.
 
-Every number carries its unit in the key: the drive unit and the displacement unit stand at the
-top and end the keys that depend on them (`thresholds_v`, `saturation_um`, `drive_max_v`).
-Unknown keys, missing keys, values outside their range and damaged text are BadModel, with the
-key named.
+Every key ends in its unit. The file begins with the drive unit and the displacement unit; the keys
+that depend on them end in these (`thresholds_v`, `saturation_um`, `drive_max_v`). Unknown keys,
+missing keys, values outside their range and damaged text raise BadModel, which names the key.
 """
 
 import math
@@ -19,13 +18,13 @@ from dehyst.models.toml_text import parse_toml
 
 FORMAT = 1
 MOST_NUMBERS, MOST_BLOCKS = 1000, 64
-"""In one list, in one model: more than any identification finds, few enough for a loop."""
+"""Limits per list and per model: more than any identification finds, few enough for a loop."""
 UNIT_NAMES = ("v", "um", "nm", "counts", "mrad", "urad")
 SHIPPED = ("paper-eq11", "paper-eq12")
 
 
 class _Table:
-    """A TOML table that knows which of its keys were read."""
+    """A TOML table that records which of its keys were read."""
 
     def __init__(self, data: Any, where: str) -> None:
         if not isinstance(data, dict):
@@ -103,7 +102,7 @@ def _any(value: Any, name: str) -> Any:
 
 
 def loads(text: str) -> Model:
-    """Model from TOML text. Raises BadModel naming the key that is wrong."""
+    """Return the model of a TOML text. Raises BadModel, which names the wrong key."""
     try:
         data = parse_toml(text)
     except BadInput as error:
@@ -187,7 +186,7 @@ def _provenance(table: _Table) -> Provenance:
 
 
 def _blocks(raw: Any, drive: str, disp: str) -> tuple[Block, ...]:
-    from dehyst.models.physics import check_block  # the registry imports Block from here's sibling
+    from dehyst.models.physics import check_block  # avoids a circular import
 
     if not isinstance(raw, list):
         raise BadModel("blocks: a list of tables ([[blocks]]) is needed")
@@ -212,7 +211,7 @@ def _blocks(raw: Any, drive: str, disp: str) -> tuple[Block, ...]:
 
 
 def dumps(model: Model) -> str:
-    """TOML text of a model; loads(dumps(m)) gives m back to the last bit."""
+    """Return the TOML text of a model; loads(dumps(m)) returns m exactly, to the last bit."""
     drive, disp = model.drive_unit, model.displacement_unit
     h, v, f, p = model.hysteresis, model.validity, model.fit, model.provenance
     hysteresis: dict[str, Any] = {
@@ -269,7 +268,7 @@ def dumps(model: Model) -> str:
 
 
 def shipped(name: str) -> Model:
-    """One of the paper's own models: "paper-eq11" (rate-independent) or "paper-eq12"."""
+    """Return one of the paper's models: "paper-eq11" (rate-independent) or "paper-eq12"."""
     if name not in SHIPPED:
         raise BadModel(f"{name}: no such shipped model; there are {', '.join(SHIPPED)}")
     return loads(resources.files("dehyst.models").joinpath(f"{name}.toml").read_text("utf-8"))

@@ -1,7 +1,7 @@
-"""A recording as the tools see it: time, drive, displacement, further channels. Pure data.
+"""A recording: time, drive, displacement and further channels. Pure data.
 
-Nothing is resampled or filled in. A missing sample shows as NaN in its column or as a gap in the
-time stamps; both are counted here, so that whoever computes decides what to do about them.
+Nothing is resampled or filled in. A missing sample is a NaN in its column or a gap in the time
+stamps. Both are counted here; the calculation that uses the recording decides how to treat them.
 """
 
 import re
@@ -18,10 +18,10 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 AXIS_CHANNEL = re.compile(r"axis\.([a-z0-9]{1,8})(\.drive)?")
-"""Channels that are another axis of the same controller: `axis.y` its displacement, `axis.y.drive`
-its drive."""
+"""Channels of another axis of the same controller: `axis.y` is its displacement, `axis.y.drive` its
+drive."""
 
-GAP_PERIODS = 1.6  # two stamps further apart than this many periods have a gap between them
+GAP_PERIODS = 1.6  # time stamps more than this many periods apart have a gap between them
 
 
 def _column(values: ArrayLike, size: int, what: str) -> Floats:
@@ -40,8 +40,8 @@ class Recording:
 
     t_s: (N,) time stamps [s], finite and strictly increasing; drive: (N,) [drive_unit], NaN where
     missing; displacement: (N,) [displacement_unit] or None; channels: further columns by name,
-    each (N,); metadata: the file's own notes; name, sha256: where it came from; read: how a file
-    of another program was understood, in one line.
+    each (N,); metadata: the file's own metadata; name, sha256: the file it came from; read: how a
+    file of another program was interpreted, in one line.
     Raises BadRecording on unequal lengths and on time that does not increase.
     """
 
@@ -77,7 +77,7 @@ class Recording:
 
     @cached_property
     def period_s(self) -> float:
-        """Sampling period: the mean step of the time stamps without the gaps [s]."""
+        """Sampling period: the mean step of the time stamps, excluding gaps [s]."""
         return typical_step(self.t_s)
 
     @cached_property
@@ -87,28 +87,28 @@ class Recording:
 
     @cached_property
     def missing_displacement(self) -> Bools:
-        """(N,) True where the displacement is NaN, or everywhere when there is none."""
+        """(N,) True where the displacement is NaN; True everywhere if there is no displacement."""
         if self.displacement is None:
             return np.ones(self.size, dtype=bool)
         return np.isnan(self.displacement)
 
     @cached_property
     def gaps(self) -> NDArray[np.intp]:
-        """Rows after which time stamps are missing: t[i + 1] - t[i] > 1.6 periods."""
+        """Rows that are followed by a gap: t[i + 1] - t[i] > 1.6 periods."""
         return np.flatnonzero(np.diff(self.t_s) > GAP_PERIODS * self.period_s)
 
     @property
     def drive_column(self) -> str:
-        """Name of the drive's column in a file: "u_v"."""
+        """Name of the drive's column in a file, such as "u_v"."""
         return f"u_{self.drive_unit}"
 
     @property
     def displacement_column(self) -> str:
-        """Name of the displacement's column in a file: "y_um"."""
+        """Name of the displacement's column in a file, such as "y_um"."""
         return f"y_{self.displacement_unit}"
 
     def defects(self) -> str:
-        """What is missing, in one sentence; "" when nothing is."""
+        """Return one sentence that lists what is missing; "" if nothing is."""
         parts = []
         if n := int(self.missing_drive.sum()):
             parts.append(f"{n} drive values missing")
@@ -122,8 +122,8 @@ class Recording:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Where a stage should be and when. t_s, target: (N,), finite, time strictly increasing;
-    channels: further columns by name, each (N,); read: how its file was understood."""
+    """Targets of a stage over time. t_s [s], target [unit]: (N,), finite, time strictly increasing;
+    channels: further columns by name, each (N,); read: how its file was interpreted."""
 
     t_s: Floats
     target: Floats
@@ -150,14 +150,14 @@ class Trajectory:
 
     @cached_property
     def period_s(self) -> float:
-        """The mean step of the time stamps without the gaps [s]."""
+        """Mean step of the time stamps, excluding gaps [s]."""
         return typical_step(self.t_s)
 
 
 def typical_step(t_s: Floats) -> float:
-    """Mean step of time stamps without the gaps [s]; NaN with fewer than two stamps.
+    """Return the mean step of time stamps, excluding gaps [s]; NaN with fewer than two stamps.
 
-    The median alone would show the rounding of stamps that were written with few digits.
+    The median alone would be affected by rounding where stamps were written with few digits.
     """
     if t_s.size < 2:
         return float("nan")
@@ -167,7 +167,7 @@ def typical_step(t_s: Floats) -> float:
 
 
 def first_not_increasing(t_s: Floats) -> int:
-    """The first row whose time is not finite or not later than the row before; -1: none."""
+    """Return the first row whose time is not finite or not after the previous row's; -1: none."""
     if t_s.size and not np.isfinite(t_s[0]):
         return 0
     bad = ~(t_s[1:] > t_s[:-1])

@@ -1,6 +1,6 @@
-"""TOML from anybody: bounded before it is parsed, and every number one that can be computed with.
+"""Parse untrusted TOML: the size is limited before parsing, and every number must be usable.
 
-tomllib itself takes quadratic time for keys of many parts, and takes integers of any length.
+tomllib itself needs quadratic time for keys of many parts, and accepts integers of any length.
 """
 
 import math
@@ -13,13 +13,13 @@ from dehyst.models.errors import BadInput
 LONGEST = 2 << 20
 DEEPEST = 32
 LARGEST = 1e15
-"""Beyond this a number is damage, not a measurement; its square still fits a float."""
+"""Numbers above this are damage, not measurements. The square of this still fits a float."""
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+"""
 _DEEP_KEY = re.compile(rf"(?<![\w-]){_PART}(?:{_PART}){{{DEEPEST}}}")
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The tables of a TOML text. Raises BadInput, with the key where one is wrong."""
+    """Return the tables of a TOML text. Raises BadInput, which names the key or line."""
     if len(text) > LONGEST:
         raise BadInput(f"{len(text)} characters; at most {LONGEST} are read")
     deep = _DEEP_KEY.search(text)
@@ -35,7 +35,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def _check_numbers(value: Any, name: str) -> None:
-    """BadInput where a number is not finite or beyond what can be computed with."""
+    """Raise BadInput if a number is not finite or its magnitude exceeds LARGEST."""
     if isinstance(value, dict):
         for key, inner in value.items():
             _check_numbers(inner, f"{name}.{key}" if name else key)

@@ -1,18 +1,18 @@
-"""Units as people read them."""
+"""Units in readable form."""
 
 
 def pick_unit(unit: str, size: float) -> tuple[float, str]:
-    """(factor, unit) in which errors of this size are shown: nanometres below a micrometre."""
+    """Return (factor, unit) for showing errors of this size: nanometres below a micrometre."""
     return (1e3, "nm") if unit == "um" and size < 1.0 else (1.0, unit)
 
 
 def spell_unit(unit: str) -> str:
-    """A unit as it is written: the columns' v is V, um stays."""
+    """Return a unit as it is written in text: the columns' v becomes V, um stays."""
     return "V" + unit[1:] if unit == "v" or unit.startswith("v/") else unit.replace("/v", "/V")
 
 
 def spell_size(value: float, unit: str) -> str:
-    """A size to three digits in a unit that suits it: 1.81 ms, 13.3 nm, 1910 V/s."""
+    """Format a value to three digits in a suitable unit: 1.81 ms, 13.3 nm, 1910 V/s."""
     if unit == "s" and abs(value) < 1.0:
         value, unit = (1e3 * value, "ms") if abs(value) >= 1e-3 else (1e6 * value, "us")
     elif unit == "um" and abs(value) < 1.0:
