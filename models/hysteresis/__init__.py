@@ -1,2 +1,2 @@
-"""The paper's equations: play operator, modified Prandtl-Ishlinskii model, saturation,
+"""The equations of Qin et al.: play operator, modified Prandtl-Ishlinskii model, saturation,
 monotonicity."""

@@ -1,9 +1,9 @@
-"""The modified Prandtl-Ishlinskii model forward: one sample with explicit state, or an array.
+"""Evaluate the modified Prandtl-Ishlinskii model, for one sample with explicit state or an array.
 
     z = sum_i (b_i + k_i du/dt) H_ri(u - u_offset),   y = c_0 + c_1 z + c_2 z^2 + ...
 
 (Qin et al., Eq. 3, 5 and 6; Eq. 4 where k = 0.) du/dt is the backward difference over the
-sampling period, 0 at the first sample. The array form runs the one-sample kernel.
+sampling period, 0 at the first sample. The array form calls the one-sample kernel.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ from dehyst.models.model import Floats, Hysteresis
 
 @njit(cache=True, nogil=True)
 def polynomial(c: Floats, z: float) -> float:
-    """c_0 + c_1 z + ... by Horner's rule; c in ascending powers."""
+    """Evaluate c_0 + c_1 z + ... by Horner's rule; c in ascending powers."""
     y = 0.0
     for j in range(c.size - 1, -1, -1):
         y = y * z + c[j]
@@ -26,7 +26,10 @@ def polynomial(c: Floats, z: float) -> float:
 def forward_step(
     r: Floats, b: Floats, k: Floats, c: Floats, u_offset: float, h: Floats, u: float, rate: float
 ) -> float:
-    """Displacement at one sample. h (n,) is advanced in place; rate: du/dt [drive unit / s]."""
+    """Return the displacement at one sample and advance h (n,) in place.
+
+    rate: du/dt [drive unit / s].
+    """
     play_step(r, h, u - u_offset)
     z = 0.0
     for i in range(r.size):
@@ -47,7 +50,7 @@ def _forward_array(
 
 
 def initial_plays(model: Hysteresis, u: float = 0.0) -> Floats:
-    """(n,) operator outputs of a de-energised actuator that stands at drive u (Eq. 1)."""
+    """Return the (n,) operator outputs of a de-energised actuator at its first drive u (Eq. 1)."""
     h = np.zeros(model.n)
     play_step(model.r, h, u - model.u_offset)
     return h
@@ -56,9 +59,9 @@ def initial_plays(model: Hysteresis, u: float = 0.0) -> Floats:
 def simulate_hysteresis(
     model: Hysteresis, u: Floats, dt: float, h0: Floats | None = None
 ) -> Floats:
-    """Displacement (N,) for a drive u (N,) sampled every dt seconds.
+    """Return the displacement (N,) for a drive u (N,) sampled every dt seconds.
 
-    h0: (n,) operator outputs before the first sample; None: de-energised (zero). Not changed.
+    h0: (n,) operator outputs before the first sample, not modified; None: de-energised (zero).
     """
     h = np.zeros(model.n) if h0 is None else np.array(h0, dtype=np.float64)
     u = np.ascontiguousarray(u, dtype=np.float64)

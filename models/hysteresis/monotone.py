@@ -1,11 +1,11 @@
-"""Is the model monotone, how far is it from it, and what is the nearest one that is.
+"""Check whether a model is monotone, measure how far it is from that, find the nearest one.
 
-After a reversal the operators move one after the other as the drive travels back: operator i
-follows once the travel exceeds 2 r_i. Over the travel from 2 r_j to 2 r_{j+1} the slope dz/du is
-the partial sum P_j = b_0 + ... + b_j (rate-dependent: P_j + Q_j du/dt with Q_j = k_0 + ... + k_j).
-A Prandtl-Ishlinskii model can be inverted when these all have one sign (K. Kuhnen, "Modeling,
+After a reversal the operators start to move one after the other: operator i follows once the drive
+has travelled more than 2 r_i. Over the travel from 2 r_j to 2 r_{j+1} the slope dz/du is the
+partial sum P_j = b_0 + ... + b_j (rate-dependent: P_j + Q_j du/dt with Q_j = k_0 + ... + k_j).
+A Prandtl-Ishlinskii model can be inverted if all of these have the same sign (K. Kuhnen, "Modeling,
 identification and compensation of complex hysteretic nonlinearities", 2003). For rates up to R
-the condition is P_j +- R Q_j >= margin: plain bounds on alpha = P + R Q and beta = P - R Q, in
+the condition is P_j +- R Q_j >= margin. These are bounds on alpha = P + R Q and beta = P - R Q, in
 which a model with given thresholds and saturation is linear.
 """
 
@@ -19,14 +19,14 @@ from dehyst.models.hysteresis.play import play_matrix
 from dehyst.models.model import Floats, Hysteresis, Model
 from dehyst.models.units import spell_unit
 
-MARGIN = 0.05  # least slope of the nearest monotone model, as a part of the full-travel slope
+MARGIN = 0.05  # smallest slope of the nearest monotone model, relative to the full-travel slope
 
 
 @dataclass(frozen=True)
 class Reversal:
-    """Where the output runs the wrong way: over the travel after a reversal from travel_from to
-    travel_to [drive unit], the slope dz/du is `slope` (its right sign is `sign`), at the input
-    rate `rate`; wrong_way: how far the displacement runs back before it turns, at most."""
+    """A reversal after which the output moves the wrong way. Over the travel from travel_from to
+    travel_to [drive unit] the slope dz/du is `slope` (the correct sign is `sign`) at the input
+    rate `rate`; wrong_way: the largest displacement in the wrong direction."""
 
     operator: int
     travel_from: float
@@ -37,7 +37,7 @@ class Reversal:
     wrong_way: float
 
     def sentence(self, drive_unit: str, displacement_unit: str) -> str:
-        """What is wrong, for the user."""
+        """Describe the error for the user."""
         drive_unit = spell_unit(drive_unit)
         at = f" at {self.rate:g} {drive_unit}/s" if self.rate else ""
         return (
@@ -48,12 +48,12 @@ class Reversal:
 
 
 def measure_half_range(h: Hysteresis, drive_min: float, drive_max: float) -> float:
-    """Largest |u - u_offset| over the drive range; wider operators never move."""
+    """Return the largest |u - u_offset| over the drive range; wider operators never move."""
     return max(abs(drive_min - h.u_offset), abs(drive_max - h.u_offset))
 
 
 def find_direction(h: Hysteresis, drive_min: float, drive_max: float) -> float:
-    """+1 where z grows with the drive over the full travel, -1 where it falls."""
+    """Return +1 if z increases with the drive over the full travel, -1 if it decreases."""
     live = h.r < measure_half_range(h, drive_min, drive_max)
     total = float(np.sum(h.b[live]))
     return 1.0 if total >= 0.0 else -1.0
@@ -70,7 +70,8 @@ def _differentiate(c: Floats) -> Floats:
 
 
 def z_range(h: Hysteresis, drive_min: float, drive_max: float) -> tuple[float, float]:
-    """Lowest and highest z over the major loop of the drive range (static weights)."""
+    """Return the lowest and highest z over the major loop of the drive range (static weights), each
+    widened by half of the range."""
     ends = np.array([drive_max, drive_min, drive_max, drive_min, drive_max]) - h.u_offset
     z = play_matrix(h.r, ends, np.zeros(h.n)) @ h.b
     z = np.concatenate([z, [0.0]])
@@ -82,9 +83,10 @@ def z_range(h: Hysteresis, drive_min: float, drive_max: float) -> tuple[float, f
 def find_wrong_way(
     h: Hysteresis, drive_min: float, drive_max: float, rate: float | Floats = 0.0
 ) -> Reversal | None:
-    """The last travel after a reversal over which the slope has the wrong sign, or None.
+    """Return the last interval of travel after a reversal in which the slope has the wrong sign, or
+    None. Of several rates the one with the largest wrong_way counts.
 
-    rate: input rates from -rate to +rate are considered [drive unit / s]; (n,) for the slope after
+    rate: rates from -rate to +rate are considered [drive unit / s]; (n,): one for the slope after
     each operator (dehyst.models.hysteresis.z_range.find_rates).
     """
     sign = find_direction(h, drive_min, drive_max)
@@ -117,7 +119,8 @@ def find_wrong_way(
 
 
 def require_monotone(model: Model, rate: float = 0.0) -> None:
-    """Raise NotInvertible, saying at which reversal and by how much, and naming the remedy."""
+    """Raise NotInvertible if the model is not monotone. The message states the reversal, by how
+    much, and how far away the nearest monotone model is."""
     v = model.validity
     found = find_wrong_way(model.hysteresis, v.drive_min, v.drive_max, rate)
     if found is not None:
@@ -130,9 +133,9 @@ def require_monotone(model: Model, rate: float = 0.0) -> None:
 
 
 def make_typical_drive(drive_min: float, drive_max: float, rate: float) -> tuple[Floats, float]:
-    """A drive (N,) over the whole range with nested loops of all sizes, and its period dt [s].
+    """Return a drive (N,) over the whole range with nested loops of all sizes, and its period [s].
 
-    rate: its largest |du/dt|, reached by the larger loops; 0: taken as one range per second.
+    rate: its largest |du/dt|, reached in the larger loops; 0: one range per second.
     """
     span = drive_max - drive_min
     rate = rate or span
@@ -147,12 +150,12 @@ def make_typical_drive(drive_min: float, drive_max: float, rate: float) -> tuple
 
 
 def nearest_monotone(model: Model, rate: float = 0.0) -> tuple[Model, float]:
-    """The monotone model nearest to `model`, and its price: their rms difference over a typical
-    drive [displacement unit]. Thresholds, saturation and blocks stay. A model that is monotone
-    already comes back as it is, price 0.
+    """Return the monotone model nearest to `model`, and their rms difference over a typical drive
+    [displacement unit]. Thresholds, saturation and blocks are kept. A model that is already
+    monotone is returned unchanged, with difference 0.
 
-    rate: rates from -rate to +rate must be monotone too, and are part of the drive over which the
-    models are compared; 0: the static weights b alone count, and the slopes k are dropped.
+    rate: the result is monotone at rates from -rate to +rate, and the models are compared over a
+    drive with these rates; 0: only the static weights b are used, and the slopes k are set to 0.
     """
     h, v = model.hysteresis, model.validity
     if rate == 0.0 and not h.static:
@@ -160,7 +163,7 @@ def nearest_monotone(model: Model, rate: float = 0.0) -> tuple[Model, float]:
         h = model.hysteresis
     if find_wrong_way(h, v.drive_min, v.drive_max, rate) is None:
         return model, 0.0
-    from scipy.optimize import lsq_linear  # half of the daemon's start, and rarely needed
+    from scipy.optimize import lsq_linear  # the import is half of the daemon's start; rarely needed
 
     sign = find_direction(h, v.drive_min, v.drive_max)
     live = h.r < measure_half_range(h, v.drive_min, v.drive_max)
@@ -180,7 +183,7 @@ def nearest_monotone(model: Model, rate: float = 0.0) -> tuple[Model, float]:
     else:
         columns = steps
     columns = sign * columns * weight[:, None]
-    # Thresholds that never move leave empty columns: a faint pull to the old values settles them.
+    # Operators that never move give empty columns; a weak prior at the old values determines them.
     old = sign * np.cumsum(h.b)
     if rate > 0.0:
         turn = sign * rate * np.cumsum(h.k)

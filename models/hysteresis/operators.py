@@ -1,4 +1,4 @@
-"""The hysteresis as kernels take it: the play operators' numbers in one tuple."""
+"""The parameters of the hysteresis in one tuple, the form that the kernels take."""
 
 from typing import NamedTuple
 
@@ -23,14 +23,14 @@ class Operators(NamedTuple):
 
 
 def operators(h: Hysteresis, b_static: Floats) -> Operators:
-    """The tuple of a model's hysteresis."""
+    """Return the tuple for a model's hysteresis."""
     weights = np.ascontiguousarray(np.stack([h.r, h.b, h.k, b_static]))
     return Operators(weights, np.ascontiguousarray(h.c), np.array([float(h.u_offset)]))
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def move(weights: Floats, h: Floats, v: float) -> tuple[float, float]:
-    """Advance the plays h (n,) to the input v. Returns sum b H and sum k H."""
+    """Advance the plays h (n,) in place to the input v. Return sum b H and sum k H."""
     z = 0.0
     kh = 0.0
     for i in range(h.size):

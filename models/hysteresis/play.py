@@ -1,13 +1,13 @@
-"""The play (backlash) operator, the element of every Prandtl-Ishlinskii model.
+"""The play (backlash) operator, the element of a Prandtl-Ishlinskii model.
 
     H_r(t) = max(u(t) - r, min(u(t) + r, H_r(t - T)))
     H_r(0) = max(u(0) - r, min(u(0) + r, h0))
 
 after Eq. 1 of Qin et al., "Modeling and Identification of the Rate-Dependent Hysteresis of
-Piezoelectric Actuator Using a Modified Prandtl-Ishlinskii Model". The equation as printed has
-x(t) for the first u(t); that is a misprint. h0 = 0 for an actuator that starts de-energised.
+Piezoelectric Actuator Using a Modified Prandtl-Ishlinskii Model". The printed equation has x(t)
+in place of the first u(t), a misprint. h0 = 0 for an actuator that starts de-energised.
 
-One kernel serves one sample and whole arrays; both forms give the same bits.
+The array form calls the one-sample kernel, so that both give bit-identical results.
 """
 
 import numpy as np
@@ -29,10 +29,9 @@ def play_step(r: Floats, h: Floats, u: float) -> None:
 
 @njit(cache=True, nogil=True)
 def play_matrix(r: Floats, u: Floats, h0: Floats) -> Floats:
-    """Outputs of n operators over N samples.
+    """Return the outputs (N, n) of n operators over N samples.
 
-    r: (n,) thresholds; u: (N,) input; h0: (n,) outputs before the first sample.
-    Returns (N, n). h0 is left as it was.
+    r: (n,) thresholds; u: (N,) input; h0: (n,) outputs before the first sample, not modified.
     """
     out = np.empty((u.size, r.size))
     h = h0.copy()

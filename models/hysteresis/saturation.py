@@ -1,8 +1,8 @@
 """The saturation polynomial y = c_0 + c_1 z + c_2 z^2 + ... and its inverse on a monotone branch.
 
-A polynomial of any degree, odd or not, rising or falling (Qin et al., Eq. 5, generalised). The
-inverse exists between two neighbouring extrema only; a displacement outside that branch is not
-reachable, and the nearest end of the branch is returned with a flag.
+The polynomial may have any degree, be odd or not, rise or fall (Qin et al., Eq. 5, generalised).
+The inverse exists only between two neighbouring extrema. A displacement outside that branch is not
+reachable; the inverse then returns the nearest end of the branch.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ KNOTS = 129
 
 @njit(cache=True, nogil=True)
 def slope(c: Floats, z: float) -> float:
-    """dy/dz at z."""
+    """Return dy/dz at z."""
     s = 0.0
     for j in range(c.size - 1, 0, -1):
         s = s * z + j * c[j]
@@ -27,10 +27,10 @@ def slope(c: Floats, z: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _solve(c: Floats, y: float, z: float, lo: float, hi: float, rising: bool) -> float:
-    """z in [lo, hi] with polynomial(c, z) = y, from a guess at it; Newton steps, halved where they
-    leave the bracket.
+    """Return z in [lo, hi] with polynomial(c, z) = y, starting from the guess z.
 
-    Ends when the bracket or the step is down to the last bits of z.
+    Takes Newton steps; where one leaves the bracket it bisects. Stops once the step is within the
+    last bits of z.
     """
     for _ in range(100):
         error = polynomial(c, z) - y
@@ -53,10 +53,10 @@ def _solve(c: Floats, y: float, z: float, lo: float, hi: float, rising: bool) ->
 
 @njit(cache=True, nogil=True)
 def unsaturate(c: Floats, z_knots: Floats, y_first: float, y_last: float, y: float) -> float:
-    """z with polynomial(c, z) = y on the branch; y beyond the branch gives the branch's end.
+    """Return z with polynomial(c, z) = y on the branch; for y outside it, the nearest end.
 
-    z_knots: (K,) ascending or descending z at K values of y spread evenly from y_first to y_last,
-    which makes the first bracket.
+    z_knots: (K,) ascending or descending z at K values of y spaced evenly from y_first to y_last;
+    two neighbouring knots are the first bracket.
     """
     last = z_knots.size - 1
     position = (y - y_first) / (y_last - y_first) * last
@@ -77,8 +77,8 @@ class Branch:
     """One monotone branch of a saturation polynomial.
 
     c: (m + 1,) ascending coefficients; z_knots: (KNOTS,) ascending z whose displacements are
-    evenly spread from y_first (at z_knots[0]) to y_last (at z_knots[-1]); whole: the branch
-    covers all of the range it was asked for.
+    evenly spaced from y_first (at z_knots[0]) to y_last (at z_knots[-1]); whole: the branch
+    covers the whole requested range.
     """
 
     c: Floats
@@ -89,12 +89,12 @@ class Branch:
 
     @property
     def rising(self) -> bool:
-        """True where the displacement grows with z."""
+        """True if the displacement increases with z."""
         return self.y_last > self.y_first
 
 
 def branch(c: Floats, z_low: float, z_high: float) -> Branch:
-    """The monotone branch that covers most of [z_low, z_high] (z_low < z_high)."""
+    """Return the monotone branch that covers most of [z_low, z_high] (z_low < z_high)."""
     extrema = np.array([])
     if c.size > 2:
         derivative = c[1:] * np.arange(1, c.size)
@@ -106,7 +106,7 @@ def branch(c: Floats, z_low: float, z_high: float) -> Branch:
         real = roots.real[np.abs(roots.imag) <= 1e-7 * scale]
         extrema = np.sort(real[(real > z_low) & (real < z_high)])
     ends = np.concatenate([[z_low], extrema, [z_high]])
-    # Merge pieces over which the direction does not change (saddles, rounding in the roots).
+    # Merge neighbouring pieces of equal direction (saddles, rounding in the roots).
     values = np.array([polynomial(c, z) for z in ends])
     pieces: list[tuple[float, float]] = []
     direction = 0.0

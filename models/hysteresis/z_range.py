@@ -1,13 +1,13 @@
-"""How far z can go over a validity, and whether the model can be inverted everywhere there.
+"""Bound z over a model's validity, and check that the model can be inverted everywhere there.
 
-Reaching from drive_min to drive_max at rates from -R to R, z is largest where every operator is
-pulled up as far as it goes, at one of the two extreme rates (Abel summation: the partial sums of
-the weights are positive, and neighbouring operators differ by no more than their thresholds do).
+For drives from drive_min to drive_max at rates from -R to R, z is largest where every operator is
+at its upper end, at one of the two extreme rates (Abel summation: the partial sums of the weights
+are positive, and neighbouring operators differ by at most the difference of their thresholds).
 
-A turn takes its time. When the drive has travelled x since it turned, at an acceleration of at most
-A, its rate is at most sqrt(2 A x). Slope s_j is the one over the travel from 2 r_j to 2 r_{j+1}
-(dehyst.models.hysteresis.monotone). So it needs to be positive up to the rate at which the drive
-can leave that travel, and not up to the largest rate of all, at which it never meets it.
+The rate is limited after a turn. Once the drive has travelled x since a turn, at an acceleration of
+at most A, its rate is at most sqrt(2 A x). Slope s_j holds over the travel from 2 r_j to 2 r_{j+1}
+(dehyst.models.hysteresis.monotone). It therefore needs to be positive only up to the highest rate
+that the drive can reach by the end of that travel, not up to the highest rate of all.
 """
 
 import numpy as np
@@ -19,14 +19,14 @@ from dehyst.models.recording import Floats
 def bound_z(
     h: Hysteresis, drive_min: float, drive_max: float, rates: float | Floats
 ) -> tuple[float, float]:
-    """Lowest and highest z within the drive range at rates up to the largest of these.
+    """Return bounds of z, lowest and highest, within the drive range at rates up to max(rates).
 
-    rates: one for all slopes, or (n,) up to which each is positive (find_rates).
+    rates: one for all slopes, or (n,), the rate up to which each slope is positive (find_rates).
     """
     top = np.maximum(drive_max - h.u_offset - h.r, 0.0)
     bottom = np.minimum(drive_min - h.u_offset + h.r, 0.0)
     rate_max = float(np.max(rates))
-    # slopes that may be negative at such a rate; H_j - H_{j+1} is at most the thresholds' distance
+    # slopes that may be negative at rate_max; |H_j - H_{j+1}| is at most r_{j+1} - r_j
     free = np.broadcast_to(rates, h.r.shape) < rate_max
     apart = np.where(free, np.diff(h.r, append=np.inf), 0.0)
     ends = [0.0]
@@ -41,12 +41,13 @@ def bound_z(
 def find_rates(
     r: Floats, rate_max: float, acceleration_max: float | None = None, period_s: float = 0.0
 ) -> Floats:
-    """(n,) largest rate over the travel from 2 r_j to 2 r_{j+1} after a turn [drive unit / s].
+    """Return the (n,) highest rates over the travel from 2 r_j to 2 r_{j+1} after a turn
+    [drive unit / s].
 
-    acceleration_max: largest change of the rate [drive unit / s^2], None: no bound; period_s: of
-    samples between which the rate is the difference. In the sample that begins within a travel of x
-    the rate is then at most A T / 2 + sqrt((A T / 2)^2 + 2 A x): at a higher one the samples before
-    it, each slower by A T at most, would have gone beyond x already.
+    acceleration_max: bound on the acceleration [drive unit / s^2], None: no bound; period_s:
+    sampling period T [s] of the difference that gives the rate. In a sample that begins within a
+    travel of x the rate is at most A T / 2 + sqrt((A T / 2)^2 + 2 A x): at a higher rate the
+    samples before it, each slower by at most A T, would already have travelled more than x.
     """
     if not acceleration_max:
         return np.full(r.size, rate_max)
@@ -58,9 +59,9 @@ def find_rates(
 def find_least_slope(
     h: Hysteresis, drive_min: float, drive_max: float, rates: float | Floats
 ) -> float:
-    """Smallest slope of the saturation over the reachable z, relative to its mean slope there.
+    """Return the smallest slope of the saturation over the reachable z, relative to the mean there.
 
-    Positive: the saturation can be undone everywhere (rising or falling). Negative or zero: not.
+    Positive: the saturation, rising or falling, can be inverted everywhere. Otherwise it cannot.
     """
     low, high = bound_z(h, drive_min, drive_max, rates)
     if high <= low:
@@ -83,7 +84,7 @@ def _find_extrema(slope: Floats, low: float, high: float) -> Floats:
 
 
 def sum_weights(h: Hysteresis, rates: float | Floats) -> tuple[Floats, Floats]:
-    """(n,) slopes dz/du after each operator has joined in, at these rates and at minus these.
+    """Return the (n,) slopes dz/du once each operator moves, at these rates and at minus these.
 
     rates: one for all, or (n,) one for each (find_rates).
     """
@@ -92,7 +93,7 @@ def sum_weights(h: Hysteresis, rates: float | Floats) -> tuple[Floats, Floats]:
 
 
 def is_invertible(h: Hysteresis, drive_min: float, drive_max: float, rates: float | Floats) -> bool:
-    """True when every slope is positive up to these rates and the saturation never turns.
+    """Return True if every slope is positive up to these rates and the saturation is monotone.
 
     rates: one for all slopes, or (n,) one for each (find_rates).
     """
