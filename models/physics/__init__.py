@@ -1,7 +1,8 @@
-"""The physics around the hysteresis: one file for each, found in this folder.
+"""The physical effects around the hysteresis: one file each, found by listing this folder.
 
-What others write by themselves has a function of its own here: the blocks of a hysteresis of any
-shape (`curved_plays`, `bent_loops`), of a lead, of a coupling, and a line's words.
+Other packages make some blocks themselves and use a function from here: the blocks of a hysteresis
+of any shape (`curved_plays`, `bent_loops`), of a lead, of a coupling. `line_for_a_time` words a
+line.
 """
 
 from dehyst.models.physics.coupling import coupled

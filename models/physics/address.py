@@ -1,12 +1,12 @@
-"""Kernels by address: every physics' forward and inverse have one signature, and are found by it.
+"""Call kernels by address: the forward and inverse kernels of all physics share one signature.
 
     kernel(p_at, n_p, s_at, n_s, x, t, dt, ch) -> y
 
-p_at, s_at: where the block's packed parameters and its state begin, n_p, n_s: how many numbers
-they are; x: input, t: time [s], dt: since the sample before [s], ch: the block's channel. Code in
-numba's disk cache calls a kernel by its address (`call_at`), so that a chain of physics needs
-neither a list nor a chain of ifs. A kernel reads its parameters and its state by name (`record`),
-what is as long as the user made it behind them (`behind`).
+p_at, s_at: addresses of the block's packed parameters and of its state; n_p, n_s: how many numbers
+each has; x: input; t: time [s]; dt: time since the previous sample [s]; ch: the block's channel.
+Code in numba's disk cache calls a kernel by its address (`call_at`), so that a chain of blocks
+needs neither a list of functions nor a chain of ifs. A kernel reads its parameters and state by
+name (`record`), and the part of variable length that follows them with `behind`.
 """
 
 from collections.abc import Callable
@@ -28,19 +28,19 @@ SIGNATURE = _NUMBER(*[_WORD] * 4, *[_NUMBER] * 4)
 
 
 def fields(*names: str) -> np.dtype[Any]:
-    """A record of floating-point numbers with these names."""
+    """Return the dtype of a record of floating-point numbers with these names."""
     return np.dtype([(name, "f8") for name in names])
 
 
 @njit(cache=True, nogil=True)
 def numbers(address: int, n: int) -> Floats:
-    """The n numbers at an address, (n,)."""
+    """Return the n numbers at an address, (n,)."""
     return carray(pointer(address), n, np.float64)
 
 
 @njit(cache=True, nogil=True)
 def behind(address: int, n: int, first: int) -> Floats:
-    """Of n numbers at an address those from the one counted `first` on, (n - first,)."""
+    """Return the numbers from index `first` on, of n numbers at an address, (n - first,)."""
     return carray(pointer(address + 8 * first), n - first, np.float64)
 
 
@@ -59,7 +59,7 @@ def call_at(typing: Any, address: Any, words: Any, values: Any) -> Any:
 
 
 class Kernel:
-    """A compiled function by address; compiled, or taken from the cache, when first asked for."""
+    """A compiled function with an address; compiled, or loaded from the cache, on first use."""
 
     def __init__(self, function: Callable[..., float]) -> None:
         self.function = function
@@ -71,13 +71,13 @@ class Kernel:
 
     @property
     def address(self) -> int:
-        """Where the machine code is, in this process."""
+        """Address of the machine code in this process."""
         return int(self._compiled.address)
 
     def __call__(
         self, p: Floats, s: Floats, x: float, t: float = 0.0, dt: float = 0.0, ch: float = 0.0
     ) -> float:
-        """One sample; s is advanced."""
+        """Compute one sample and advance s."""
         return float(_once(self.address, p, s, x, t, dt, ch))
 
 
@@ -90,8 +90,8 @@ def _once(kernel: int, p: Floats, s: Floats, x: float, t: float, dt: float, ch: 
 def call_kernel(
     kernel: int, p: Floats, s: Floats, x: Floats, t: Floats, ch: Floats, y: Floats
 ) -> None:
-    """The whole record through one kernel: y (N,) for x (N,) at times t (N,); ch (N,), or (0,)
-    where no channel is read."""
+    """Run a whole record through one kernel: fill y (N,) for x (N,) at times t (N,); ch (N,), or
+    (0,) if the block reads no channel."""
     words = (p.ctypes.data, p.size, s.ctypes.data, s.size)
     for i in range(x.size):
         dt = t[i] - t[i - 1] if i > 0 else 0.0

@@ -1,17 +1,18 @@
-"""Friction that fades with the speed: bristles in the guide, which bend, then slide.
+"""Friction that decreases with the speed: bristles in the guide, which bend and then slide.
 
     y = x - a z - b v,    dz = (dx - |dx| z / g) / l,    g = 1 + e exp(-(v / v_s)^2),    v = dx/dt
 
-LuGre (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Autom. Control 40, 1995, 419). x is
-the drive's path, times the stroke by the drive: what holds the stage back turns where the drive
-turns. The displacement itself does not do. A base of hysteresis of any shape has taken the part of
-the friction that the speed leaves alone, and its displacement may run back at a turn.
+This is the LuGre model (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Autom. Control 40,
+1995, 419). x is the drive times a gain, the stroke per drive range: the friction reverses where the
+drive reverses. The displacement cannot be used instead. A base that fits hysteresis of any shape
+has absorbed the part of the friction that does not depend on speed, and its displacement may run
+back at a turn.
 
-Recognised by its dependence on the speed: presliding alone is a rate-independent memory and stays
-inside the base. The viscous part b grows with the speed while the bristles' part fades. It belongs
-to the fit: without it, a guide with much of both seems to push at low speed. By itself it is a lag,
-and it alone reports no friction. How much the base leaves of it depends on its law, which nobody
-knows: no size of it is excluded.
+The candidate is recognised by its dependence on the speed: presliding alone is a rate-independent
+memory and remains in the base. The viscous part b v grows with the speed while the bristles' part
+decreases. The fit includes it: without it, a guide with much of both seems to push at low speed. By
+itself it is a lag, and is not reported as friction. How much of the friction the base absorbs
+depends on the friction law, which is unknown. Therefore no size of friction is excluded.
 """
 
 import math
@@ -28,19 +29,22 @@ from dehyst.models.physics.kind import Kind, Param, Subtracted, head_record
 from dehyst.models.signals.joined import Bools, Data, Floats
 
 PACKED = fields("length", "stribeck", "excess", "sliding", "gain", "viscous")
-STATE = fields("x", "z")  # path before, bristles
+STATE = fields("x", "z")  # previous path, bristles
 EXCESS = 0.5
-"""How much more friction there is at rest, as a part of that at high speed: 1.5 to 1 in the paper's
-table. Recordings tell a e alone: what the speed leaves alone may as well be the hysteresis'."""
+"""e, the additional friction at rest relative to that at high speed: 1.5 to 1 in the paper's table.
+Recordings determine only the product a e: friction that does not depend on speed cannot be
+distinguished from the hysteresis."""
 LEADS = 0.2
-"""The viscous part may be negative by so much of the part that fades, rms: by noise."""
+"""The viscous part may be negative, owing to noise, by up to this fraction of the speed-dependent
+bristle part, rms."""
 LAG_ALONE = 0.5
-"""The part that fades is at least so much of the viscous one, rms: with less it is a lag."""
+"""The speed-dependent bristle part is at least this fraction of the viscous part, rms; with less
+the effect is a lag."""
 
 
 @njit(cache=True, nogil=True)
 def bend(z: float, dx: float, v: float, length: float, stribeck: float, excess: float) -> float:
-    """The bristles behind a move by dx at the speed v, exact for a speed that stays."""
+    """Return the bristle state after a move by dx at the speed v, exact for a constant speed."""
     if dx == 0.0:
         return z
     g = 1.0 + excess * math.exp(-((v / stribeck) ** 2))
@@ -87,7 +91,7 @@ KIND = Kind(
 
 
 class Friction(Candidate):
-    """-a z of the drive's path, and -b v."""
+    """Additive -a z - b v, with z and v of the drive's path."""
 
     name = key = "friction"
     title = "Friction in the guide"
@@ -98,7 +102,7 @@ class Friction(Candidate):
     confused_with = ("rate", "lag")
     order = 45
     static = True
-    contains = ("delay", "lag", "slew")  # the viscous part is as one of these
+    contains = ("delay", "lag", "slew")  # the viscous part acts like one of these
     rival_if_implausible = False
 
     def __init__(self, data: Data) -> None:
@@ -125,7 +129,7 @@ class Friction(Candidate):
         return _columns(x, data.dt, data.starts, theta[0], theta[1], EXCESS)
 
     def likely(self, theta: Sequence[float], amplitudes: Floats) -> float:
-        return 1.0 if amplitudes[0] >= 0.0 else 0.0  # friction that pushes is none
+        return 1.0 if amplitudes[0] >= 0.0 else 0.0  # friction never pushes
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
         extra = (EXCESS * float(amplitudes[0]), self.parameters[0].unit)
@@ -160,7 +164,7 @@ class Friction(Candidate):
 
 
 def _speeds(data: Data) -> Floats:
-    """(n,) of the drive, at all samples behind another one [drive unit per second]."""
+    """Return the (n,) speeds of the drive at all samples that follow another [drive unit / s]."""
     follows = ~data.starts[1:]
     return np.asarray((np.diff(data.u) / data.dt[1:])[follows])
 
@@ -169,7 +173,7 @@ def _speeds(data: Data) -> Floats:
 def _columns(
     x: Floats, dt: Floats, starts: Bools, length: float, stribeck: float, excess: float
 ) -> Floats:
-    """(N, 2): -z, -v."""
+    """Return (N, 2) columns: -z, -v."""
     out = np.zeros((x.size, 2))
     z = 0.0
     for t in range(x.size):

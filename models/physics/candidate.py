@@ -1,6 +1,6 @@
-"""How a physics is recognised: what one candidate tells the diagnosis, by a subclass of its own.
+"""The interface between a physical effect and the diagnosis: each candidate is a subclass.
 
-A candidate acts in one of three ways, and overrides the one that fits:
+A candidate acts in one of three modes and overrides the method of that mode:
     drive     transforms the drive before the hysteresis (delay, slew, clip, lag of an amplifier)
     output    a linear operator on the hysteresis' output (creep, modes, lag of a sensor)
     columns   additive columns whose amplitudes are fitted linearly (lines, channels)
@@ -16,18 +16,18 @@ from dehyst.models.model import Block
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.units import spell_unit
 
-# readings, targets, what was added to them because of the readings, and flags are effects; the
-# temperature has a file of its own
+# readings, targets, corrections made from readings, and flags are effects, not causes; temperature
+# is handled in drift.py
 NOT_A_CAUSE = re.compile(r"(temp|target|trim|learned|flags|missed|t_|y\d*_)")
 
 
 @dataclass(frozen=True)
 class Parameter:
     """One nonlinear parameter: bounds in its unit; log: searched on a logarithmic scale; sure:
-    relative half width of its interval by what sampling leaves open (the hysteresis bends between
-    two samples of a step, and the model takes it as straight), beside what the noise makes; within:
-    the same in its unit, a part of a sample; whole: the upper bound is all that there can be, and
-    identified like any other value."""
+    relative half width of its interval due to sampling (between two samples of a step the
+    hysteresis is curved, and the model assumes a straight line), in addition to that due to noise;
+    within: the same in the parameter's unit, a fraction of a sample; whole: the upper bound is a
+    physical maximum, and a value there counts as identified."""
 
     key: str
     unit: str
@@ -41,8 +41,8 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Context:
-    """What an additive candidate may look at: the drive behind its blocks, and the hysteresis'
-    output (N,) of the last fit."""
+    """Inputs of an additive candidate: v (N,), the drive after the drive blocks, and the output
+    (N,) of the hysteresis in the last fit."""
 
     v: Floats
     output: Floats
@@ -50,7 +50,7 @@ class Context:
 
 @dataclass(frozen=True)
 class Probe:
-    """A strength at which the effect's visibility is tried, for the exclusion limits.
+    """A strength of the effect at which its visibility is tested, for the exclusion limits.
 
     value: in the limit's unit; theta: nonlinear parameters; amplitudes: of additive columns.
     """
@@ -62,10 +62,10 @@ class Probe:
 
 @dataclass(frozen=True)
 class Sighting:
-    """What a recording shows of a physics directly, without a fit of the displacement.
+    """Direct evidence of an effect in a recording, without a fit of the displacement.
 
     theta: nonlinear parameters; intervals: key -> (value, low, high, unit); says: the sentence for
-    people.
+    the user.
     """
 
     theta: tuple[float, ...]
@@ -74,11 +74,11 @@ class Sighting:
 
 
 class Candidate:
-    """Base of all candidates; class attributes describe the physics to people and reports.
+    """Base of all candidates; the class attributes describe the physics in reports.
 
     name: word of the diagnosis vocabulary; key: unique among the instances; order: position in
-    the cascade; driven: caused by the drive (judged more strictly) or by something beside it;
-    refines: key of the simpler candidate that this one takes further.
+    the cascade; driven: caused by the drive (judged more strictly) or by something else;
+    refines: key of the simpler candidate that this one extends.
     """
 
     name: str = ""
@@ -92,58 +92,60 @@ class Candidate:
     order: int = 0
     place: str = "stage"
     driven: bool = True
-    slow: bool = False  # takes a part of any change in time: reported where nothing else is left
-    past: bool = False  # a slow one that began before the recording: reported beside a smaller rest
-    static: bool = False  # resembles a hysteresis of another shape: judged more strictly still
-    minima: int = 1  # starts that are refitted: its misfit may have so many minima
-    lasting: bool = False  # shows from one period of the drive to the next, not within one
-    late: bool = False  # the displacement comes late: reported also where the drive repeats itself
-    # within few samples, and of all such causes one alone
-    rival_if_implausible: bool = True  # named as a rival even where its values cannot be its own
+    slow: bool = False  # fits a part of any change in time: reported only if nothing else is left
+    past: bool = False  # a slow one that began before the recording: reported with a small residual
+    static: bool = False  # resembles a hysteresis of another shape: judged even more strictly
+    minima: int = 1  # number of starts that are refitted, as its misfit may have as many minima
+    lasting: bool = False  # seen from one period of the drive to the next, not within one
+    late: bool = False  # delays the displacement: reported also if the drive repeats itself within
+    # few samples, but then only one of these candidates
+    rival_if_implausible: bool = True  # named as a rival even if its values are implausible
     reports_bounds: bool = True  # a parameter on its bound is reported as not identified
-    contains: tuple[str, ...] = ()  # names of simpler ones that it makes too; what promises as much
-    # as another physics that it contains is refitted beside that, in the place of none
-    widest_spread: float = 1.0  # of its amplitude over time, rms: with more it is not the same
+    contains: tuple[str, ...] = ()  # names of simpler effects that it can also represent; if it
+    # promises as much as one of another name, it is refitted in addition, replacing none
+    widest_spread: float = 1.0  # largest rms spread of its amplitude over time that is accepted
     mode: str = "columns"  # or "drive", "output"
     parameters: tuple[Parameter, ...] = ()
     channel: str = ""
-    refines: str = ""  # key of the simpler candidate that this one takes further
-    size_index: int | None = None  # the parameter that the effect is about proportional to
+    refines: str = ""  # key of the simpler candidate that this one extends
+    size_index: int | None = None  # parameter to which the effect is roughly proportional
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
-        """Values from which the search begins (one tuple for each trial)."""
+        """Return the start values of the search, one tuple for each trial."""
         return [self.refined(())] if self.refines else [()]
 
     def doubles(self, theta: Sequence[float]) -> list[tuple[float, ...]]:
-        """Likelier values that make nearly the same of the samples: they are refitted too."""
+        """Return likelier values with nearly the same effect on the samples; all are refitted."""
         return []
 
     def likely(self, theta: Sequence[float], amplitudes: Floats) -> float:
-        """Weight of a gain: below 1 where a plainer one should go first, 0 where it is not its own.
-        amplitudes: of additive columns."""
+        """Return the weight of a gain: below 1 where a simpler explanation should be preferred, 0
+        where the values are not those of this effect. amplitudes: of additive columns."""
         return 1.0
 
     def may_be_small(self, theta: Sequence[float]) -> bool:
-        """Whether a small effect counts that is the same everywhere: of static ones, but for those
-        whose many shapes chance fits, and of others where no error of a base looks like them."""
+        """Return whether a small effect that is the same everywhere counts: true for static ones,
+        except those flexible enough to fit noise, and for others that no error of a base
+        resembles."""
         return self.static
 
     def ring(self, theta: Sequence[float]) -> tuple[float, float] | None:
-        """Frequency [Hz] and decay [1/s] of its free oscillation, where it has one."""
+        """Return frequency [Hz] and decay rate [1/s] of the free oscillation; None without one."""
         return None
 
     @property
     def last(self) -> bool:
-        """Whether it is named only where it leaves nothing behind: what began before the recording,
-        and brings nothing with it that would be seen, fits too much."""
+        """Whether it is named only if nothing remains unexplained: an effect that began before the
+        recording, and that implies no other visible effect, fits too much."""
         return self.past and not self.company()
 
     def company(self) -> str:
-        """Key of another candidate that must be there too, were this one there; "" for none."""
+        """Return the key of another candidate that must be present if this one is; "": none."""
         return ""
 
     def scaled(self, theta: Sequence[float], amount: float) -> tuple[float, ...]:
-        """Start whose effect is about `amount` times as large, where one parameter says so."""
+        """Return a start whose effect is about `amount` times as large, where size_index names the
+        parameter to scale."""
         if self.size_index is None:
             return tuple(theta)
         p = self.parameters[self.size_index]
@@ -153,65 +155,65 @@ class Candidate:
         return tuple(out)
 
     def refined(self, theta: Sequence[float]) -> tuple[float, ...]:
-        """Start from the fitted theta of the candidate that this one refines."""
+        """Return a start, given the fitted theta of the candidate that this one refines."""
         return tuple(theta)
 
     def grown(self, theta: Sequence[float], data: Data, residual: Floats) -> tuple[float, ...]:
-        """theta with one more part of its kind (a mode) that the residual asks for, or ()."""
+        """Return theta extended by one more mode that the residual suggests, or ()."""
         return ()
 
     def params_at(self, theta: Sequence[float]) -> tuple[Parameter, ...]:
-        """Parameters that belong to a theta (lines and modes may have any number)."""
+        """Return the parameters of a theta; lines and modes may have any number."""
         return self.parameters
 
     def drive(self, data: Data, v: Floats, theta: Sequence[float]) -> Floats:
-        """Drive (N,) behind this piece of physics."""
+        """Return the drive (N,) after this effect."""
         return v
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
-        """Columns (N, k) behind this piece of physics; linear in x."""
+        """Return the columns (N, k) after this effect; linear in x."""
         return x
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
-        """Additive columns (N, k)."""
+        """Return the additive columns (N, k)."""
         return np.zeros((data.n, 0))
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
-        """Parameters to report: key -> (value, unit)."""
+        """Return the parameters to report: key -> (value, unit)."""
         return {
             p.key: (float(v), p.unit) for p, v in zip(self.params_at(theta), theta, strict=True)
         }
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        """Blocks of the augmented model."""
+        """Return the blocks to add to the model."""
         return ()
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
-        """One sentence that a technician understands."""
+        """Return one sentence that a technician understands."""
         return self.title
 
     limit_unit: str = ""
     limit_side: str = "above"
 
     def probes(self, data: Data) -> list[Probe]:
-        """Strengths from weak to strong, from which the exclusion limit is found."""
+        """Return the strengths, from weak to strong, at which the exclusion limit is searched."""
         return []
 
     def limit_leaves_out(self, data: Data) -> str:
-        """What its limit does not hold for, in these recordings; "" for nothing."""
+        """Return what the exclusion limit does not hold for in these recordings; "": nothing."""
         return ""
 
     def seen(self, data: Data, sigma: float) -> Sighting | None:
-        """What the recordings show of it directly; None where they do not."""
+        """Return direct evidence in the recordings, or None."""
         return None
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
-        """Why these values cannot be this physics; empty when they can."""
+        """Return why these values cannot be this effect; "" if they can."""
         return ""
 
 
 def small(entry: tuple[float, str]) -> str:
-    """A value of the displacement's size; micrometres below one become nanometres: "12 nm/K"."""
+    """Format a displacement-like value; below one micrometre in nanometres: "12 nm/K"."""
     value, unit = entry
     if (unit == "um" or unit.startswith("um/")) and abs(value) < 1.0:
         value, unit = 1e3 * value, f"nm{unit[2:]}"
@@ -219,25 +221,25 @@ def small(entry: tuple[float, str]) -> str:
 
 
 def apart(data: Data, x: Floats) -> Floats:
-    """(N, k) columns of x (N,), one for each of k recordings, 0 in the others."""
+    """Return x (N,) as (N, k) columns, one for each of k recordings, 0 in the others."""
     return x[:, None] * (data.rec[:, None] == np.arange(len(data.names))[None, :])
 
 
 def of_each(data: Data, p: Parameter) -> tuple[Parameter, ...]:
-    """A parameter that each recording has for itself: what began before is another past in each."""
+    """Return one parameter per recording: each recording has a different past."""
     return (p,) * len(data.names)
 
 
 def move_from_zero(data: Data) -> float:
-    """Displacement of a move from no drive to where the recordings are, at their mean slope: the
-    last move before a small scan may have been so large."""
+    """Return the displacement of a move from drive 0 to the far end of the recordings' range, at
+    their mean slope: the last move before a small scan may have been as large."""
     farthest = max(abs(data.u_min), abs(data.u_min + data.span))
     return float(np.ptp(data.y)) * farthest / data.span
 
 
 def common_amplitude(data: Data, columns: Floats, added: Floats) -> float:
-    """The one amplitude with which columns (N, k), one for each recording, come nearest to what was
-    added to the recordings (N,), each recording's mean apart."""
+    """Return the common amplitude of columns (N, k), one for each recording, that best fits (least
+    squares) what was added to the recordings (N,), with each recording's mean removed."""
     power = along = 0.0
     for i in range(columns.shape[1]):
         here = (data.rec == i) & data.rows
@@ -249,5 +251,5 @@ def common_amplitude(data: Data, columns: Floats, added: Floats) -> float:
 
 
 def other_causes(data: Data) -> list[str]:
-    """Further channels that may move the stage."""
+    """Return the names of further channels that may move the stage."""
     return [c for c in data.channels if not NOT_A_CAUSE.match(c) and c != data.drive_key]

@@ -43,7 +43,7 @@ KIND = Kind(
 )
 
 
-DEEPEST = (0.35, 0.6)  # of the range, that lies beyond the lower and the upper end
+DEEPEST = (0.35, 0.6)  # largest fraction of the range cut off at the lower and the upper end
 
 
 class Clip(Candidate):

@@ -2,8 +2,8 @@
 
     y = x + gain q + quadrature q' / w,  q'' + 2 z w q' + w^2 q = w^2 (channel - reference)
 
-The quadrature is what a delay of the channel, or damping that is not proportional, adds to a mode.
-Exact for a channel that runs in straight lines between the samples, for any damping z.
+The quadrature represents a delay of the channel, or damping that is not proportional.
+The form is exact for a channel that is linear between the samples, for any damping z.
 """
 
 from collections.abc import Mapping, Sequence
@@ -94,11 +94,11 @@ KIND = Kind(
 )
 
 MAX_MODES = 6
-SAME_MODE = 0.01  # relative distance of frequencies, below which a mode is none of its own
+SAME_MODE = 0.01  # relative difference of frequencies below which two modes count as one
 
 
 class CoupledMode(Coupling):
-    """The same through modes of the stage that the other drive excites."""
+    """Coupling through modes of the stage that the other drive excites."""
 
     equation = "y(t) = f(u) + sum_k g_k q_k + h_k q_k' / w_k, q'' + 2 z w q' + w^2 q = w^2 c(t)"
     source = "modes of the platform that several actuators drive"
@@ -198,12 +198,12 @@ class CoupledMode(Coupling):
 
 
 def _tails(theta: Sequence[float]) -> list[str]:
-    """What the keys of each mode's parameters have before their unit."""
+    """Return the suffix of each mode's parameter keys, which precedes the unit."""
     return [f"_{k + 1}" if k else "" for k in range(len(theta) // 2)]
 
 
 def _reaches(data: Data, c: Floats, f: float) -> bool:
-    """Whether a channel has content within a fifth of a frequency: 1e-3 of its power."""
+    """Return whether more than 1e-3 of a channel's power is within a fifth of a frequency."""
     power = whole = 0.0
     for p in np.unique(data.part):
         x = c[data.part == p]

@@ -1,7 +1,6 @@
 """Coupling from another channel (axis drive, force): y = x + gain (channel - reference).
 
-Where the other channel has hysteresis and a lag of its own, as a neighbouring axis whose piezo runs
-round its own loops:
+If the other channel has hysteresis and a lag of its own, like the piezo of a neighbouring axis:
 
     y = x + sum_i g_i H_i(c),    tau dc/dt + c = (channel - reference) / scale
 
@@ -31,8 +30,8 @@ from dehyst.models.signals.filters import lag_step, lowpass, plays
 from dehyst.models.signals.joined import Data, Floats
 
 PACKED = fields("gain", "reference")
-MEMORY_PACKED = fields("reference", "scale", "tau")  # behind: r / scale, g of n plays
-MEMORY_STATE = fields("before", "c", "started")  # input before, lagging; behind: (n,) plays
+MEMORY_PACKED = fields("reference", "scale", "tau")  # followed by r / scale, g of n plays
+MEMORY_STATE = fields("before", "c", "started")  # previous input, lagged; followed by (n,) plays
 HEAD = 3
 
 
@@ -140,11 +139,11 @@ KINDS = (
     ),
 )
 
-FRACTIONS = np.array([0.0, 0.03, 0.1, 0.2, 0.35])  # plays, of the channel's range
+FRACTIONS = np.array([0.0, 0.03, 0.1, 0.2, 0.35])  # widths of the plays, of the channel's range
 
 
 def coupled(unit: str, gain: float, reference: float, channel: str) -> Block:
-    """What a channel brings, by a gain [unit per the channel's] from a reference on."""
+    """Return the block that adds gain (channel - reference); gain: [unit / channel's unit]."""
     return Block(
         "coupling", "stage", {f"gain_{unit}_per_unit": gain, "reference": reference}, channel
     )
@@ -193,7 +192,7 @@ class Coupling(Candidate):
 
 
 class CoupledMemory(Coupling):
-    """The same where the other axis has a lag and hysteresis of its own: plays on its drive."""
+    """Coupling from an axis with a lag and hysteresis of its own: plays on its drive."""
 
     equation = "y(t) = f(u) + sum_i g_i H_i(c), c after a lag"
     contains = ("coupling",)

@@ -1,14 +1,14 @@
 """Creep: after a step, y(t) = y0 [1 + g log10(t / 0.1 s)] from tau_min to tau_max.
 
-As an operator, a sum of relaxations with time constants spread evenly over the logarithm, three
-a decade, with one common gain (log-type creep; H. Jung, D.-G. Gweon, Rev. Sci. Instrum. 71, 2000):
+The operator is a sum of relaxations with time constants spaced evenly on a logarithmic scale, three
+per decade, with a common gain (log-type creep; H. Jung, D.-G. Gweon, Rev. Sci. Instrum. 71, 2000):
 
     y = x + (g / 3) sum_j [q_j - m_j x],   tau_j dq_j/dt + q_j = x,   m_j = 1 - exp(-0.1 s / tau_j)
 
-(g / 3 is for three a decade exactly: their number is rounded, and their weights with it.)
-The m_j make 0.1 s after a step the time that the law calls y0. Exact for an input that runs in
-straight lines between the samples. In a recording under feedback, where the reading rests, creep
-is read from the drive (`dehyst.models.signals.held`).
+(g / 3 holds for exactly three per decade; since their number is rounded, the weight is adjusted.)
+Through the m_j, y0 is the output 0.1 s after a step. The operator is exact for an input that is
+linear between the samples. In a recording under feedback, where the reading is held constant, creep
+is measured from the drive (`dehyst.models.signals.held`).
 """
 
 import math
@@ -28,19 +28,20 @@ from dehyst.models.signals.joined import Data, Floats
 
 PER_DECADE = 3
 REFERENCE_S = 0.1
-PACKED = fields("third", "mean")  # g / 3, sum of m_j; behind: tau_1 ... tau_n
-STATE = fields("x", "dt")  # input before, dt of the decays; behind: n times q, n decays
+PACKED = fields("third", "mean")  # g / 3, sum of m_j; followed by tau_1 ... tau_n
+STATE = fields("x", "dt")  # previous input, dt of the decays; followed by n times q, n decays
 HEAD = 2
-HELD_SHORTEST_S = 0.1  # relaxations of a creep that is read from the drive: the shortest, and
-HELD_TIMES_LONGER = 3.0  # than the hold, the longest
+HELD_SHORTEST_S = 0.1  # shortest relaxation of a creep that is measured from the drive
+HELD_TIMES_LONGER = 3.0  # its longest relaxation, relative to the length of the hold
 SURE_GAIN = 0.15
-"""Of the gain: a chain of relaxations reaches the law's slope sooner than other laws of creep do
-(tests/benchmarks/models/proof: log10(1 + t / 0.1 s) is found 4 to 14 % too low)."""
+"""Relative uncertainty of the gain: a chain of relaxations reaches the law's slope sooner than
+other laws of creep (tests/benchmarks/models/proof: the gain of log10(1 + t / 0.1 s) is found 4 to
+14 % too low)."""
 
 
 def _relaxations_of(gain: float, tau_min: float, tau_max: float) -> tuple[float, float, Floats]:
-    """Weight of each relaxation, the sum of the m_j, and the time constants (n,). All weights
-    together go on evenly where the number of relaxations changes by one."""
+    """Return the weight of each relaxation, the sum of the m_j, and the time constants (n,). The
+    sum of the weights is continuous where the number of relaxations changes by one."""
     decades = math.log10(tau_max / tau_min)
     n = max(1, round(PER_DECADE * decades) + 1)
     taus = np.geomspace(tau_min, tau_max, n)
@@ -72,7 +73,7 @@ def _forward(p_at: int, n_p: int, s_at: int, n_s: int, x: float, dt: float) -> f
 
 @njit(cache=True, nogil=True)
 def _input(p_at: int, n_p: int, s_at: int, n_s: int, y: float, dt: float) -> float:
-    """Input that makes the next output y, from the state before, which is left as it is."""
+    """Return the input for which the next output is y; the state is not modified."""
     p, taus = record(p_at, PACKED), behind(p_at, n_p, HEAD)
     s, inner = record(s_at, STATE), behind(s_at, n_s, HEAD)
     n = taus.size

@@ -1,10 +1,10 @@
-"""A pure delay: y(t) = x(t - delay); and a lead of a part of a sample, v = x + tau dx/dt.
+"""A pure delay, y(t) = x(t - delay), and a lead of a fraction of a sample, v = x + tau dx/dt.
 
-Between the samples of the past the input is taken as the cubic through the four nearest samples,
-at the newest end as the parabola through the last three. Before the first sample the input is
-the first one. A lead is what a recorder does that reads late, what a lag or a mode does behind
-commands that are held, and what a stage does whose rate is the derivative at a sample and not the
-difference to the one before; dx/dt is that difference here.
+Past inputs are interpolated between samples by the cubic through the four nearest samples, and at
+the newest end by the parabola through the last three. Before the first sample the input equals the
+first one. A lead represents a recorder that reads late, a lag or a mode after a zero-order hold of
+the commands, or a stage whose rate is the derivative at a sample and not the difference from the
+previous one; dx/dt is that difference here.
 """
 
 import math
@@ -22,14 +22,15 @@ from dehyst.models.signals.filters import delayed
 from dehyst.models.signals.joined import Data, Floats
 
 PACKED = fields("delay")
-STATE = fields("newest", "stored")  # place of the newest sample, how many; behind: the ring
+STATE = fields("newest", "stored")  # index of the newest sample, count; followed by the ring
 HEAD = 2
 MOST_SAMPLES = 1_000_000
 
 
 @njit(cache=True, nogil=True)
 def _interpolate(ring: Floats, newest: int, back: int, n: int, t: float) -> float:
-    """Lagrange's polynomial at t through n samples of the ring, the newest `back` behind."""
+    """Return Lagrange's polynomial at t through n samples of the ring, the latest of which is
+    `back` samples before the newest."""
     total, size = 0.0, ring.shape[0]
     for i in range(n):
         a = (newest - back - i) % size
@@ -46,7 +47,7 @@ def _interpolate(ring: Floats, newest: int, back: int, n: int, t: float) -> floa
 def step(
     p_at: int, n_p: int, s_at: int, n_s: int, x: float, t: float, dt: float, ch: float
 ) -> float:
-    """Forward. The ring holds pairs of time and input."""
+    """Forward. The ring contains pairs of time and input."""
     p, s = record(p_at, PACKED), record(s_at, STATE)
     size = (n_s - HEAD) // 2
     ring = behind(s_at, n_s, HEAD).reshape((size, 2))
@@ -60,7 +61,7 @@ def step(
     oldest = (newest - stored + 1) % size
     if at <= ring[oldest, 0]:
         return ring[oldest, 1]
-    low, high = 0, stored - 1  # the first sample back that is not later than `at`
+    low, high = 0, stored - 1  # searches the latest sample that is not after `at`
     while low < high:
         middle = (low + high) // 2
         if ring[(newest - middle) % size, 0] <= at:
@@ -90,7 +91,7 @@ KIND = Kind(
 )
 
 LEAD_PACKED = fields("tau")
-LEAD_STATE = fields("x")  # input before
+LEAD_STATE = fields("x")  # previous input
 
 
 @Kernel
@@ -124,7 +125,7 @@ LEAD = Kind(
 
 
 def ahead(data: Data, x: Floats) -> Floats:
-    """What feeds a lag or a mode, (N, k): half a sample earlier where the data say so."""
+    """Return the input (N, k) of a lag or a mode: half a sample earlier if data.led."""
     if not data.led:
         return x
     step = np.diff(x, axis=0, prepend=x[:1])
@@ -133,20 +134,20 @@ def ahead(data: Data, x: Floats) -> Floats:
 
 
 def lead(place: str, tau_s: float) -> Block:
-    """What comes earlier by a part of a sample."""
+    """Return the block of a lead by tau_s [s]."""
     return Block("lead", place, {"tau_s": tau_s})
 
 
 def lead_before(data: Data, place: str) -> tuple[Block, ...]:
-    """The block of `ahead`; none where nothing leads."""
+    """Return the block that corresponds to `ahead`; () unless data.led."""
     return (lead(place, 0.5 * data.period),) if data.led else ()
 
 
-OF_A_SAMPLE = 0.1  # by which a time may be off: the drive between two samples is not known
+OF_A_SAMPLE = 0.1  # uncertainty of a time: the drive between two samples is unknown
 
 
 class Delay(Candidate):
-    """y(t - d); a pure delay commutes with everything else that the drive causes."""
+    """y(t - d); a pure delay commutes with all other effects of the drive."""
 
     name = key = "delay"
     title = "Dead time"

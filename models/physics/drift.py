@@ -1,7 +1,7 @@
 """Drift with temperature: y = x [1 + gain w] + expansion w.
 
-w is the temperature of a channel less the reference, or follows it late, with the time constant of
-the stage's mass: tau dw/dt + w = T - T0.
+w is the temperature of a channel minus the reference, or lags it with the thermal time constant of
+the stage: tau dw/dt + w = T - T0.
 """
 
 import math
@@ -21,8 +21,8 @@ from dehyst.models.signals.joined import Data, Floats
 
 PACKED = fields("gain", "expansion", "reference")
 SLOW_PACKED = fields("gain", "expansion", "reference", "tau")
-SLOW_STATE = fields("before", "warm", "started")  # temperature before, of the stage
-LEAST_GAIN = 0.1  # of the input, that the inverse takes at least
+SLOW_STATE = fields("before", "warm", "started")  # previous temperature, that of the stage
+LEAST_GAIN = 0.1  # smallest total gain that the inverse uses
 
 
 @Kernel
@@ -47,7 +47,7 @@ def solve(
 
 @njit(cache=True, nogil=True)
 def _warmed(p_at: int, s_at: int, dt: float, ch: float) -> float:
-    """The stage's temperature over the reference, one sample on."""
+    """Advance by one sample and return the stage's temperature above the reference."""
     p, s = record(p_at, SLOW_PACKED), record(s_at, SLOW_STATE)
     warm = ch - p.reference
     if s.started == 0.0 or dt <= 0.0:
@@ -64,7 +64,7 @@ def _warmed(p_at: int, s_at: int, dt: float, ch: float) -> float:
 def step_slow(
     p_at: int, n_p: int, s_at: int, n_s: int, x: float, t: float, dt: float, ch: float
 ) -> float:
-    """Forward, following the temperature late."""
+    """Forward, with a thermal lag."""
     p, warm = record(p_at, SLOW_PACKED), _warmed(p_at, s_at, dt, ch)
     return x * (1.0 + p.gain * warm) + p.expansion * warm
 
@@ -73,7 +73,7 @@ def step_slow(
 def solve_slow(
     p_at: int, n_p: int, s_at: int, n_s: int, y: float, t: float, dt: float, ch: float
 ) -> float:
-    """Inverse, following the temperature late."""
+    """Inverse, with a thermal lag."""
     p, warm = record(p_at, SLOW_PACKED), _warmed(p_at, s_at, dt, ch)
     return (y - p.expansion * warm) / max(1.0 + p.gain * warm, LEAST_GAIN)
 
@@ -116,7 +116,7 @@ KINDS = (
 
 
 class Drift(Candidate):
-    """y (1 + a dT) + b dT for a temperature channel, dT from its mean."""
+    """y (1 + a dT) + b dT for a temperature channel, dT relative to its mean."""
 
     name = "drift"
     title = "Drift with the temperature"
@@ -154,7 +154,7 @@ class Drift(Candidate):
             f"expansion_{data.unit}_per_k": float(amplitudes[0]),
             "reference_c": self.reference,
         }
-        if abs(float(amplitudes[1])) > MOST_GAIN:  # more than the plain block takes
+        if abs(float(amplitudes[1])) > MOST_GAIN:  # beyond the range of the plain block
             params["tau_s"] = 1e-3 * data.period
             return (Block("slow_drift", "stage", params, self.channel),)
         return (Block("drift", "stage", params, self.channel),)
@@ -172,7 +172,7 @@ class Drift(Candidate):
 
 
 class SlowDrift(Drift):
-    """The same with the stage following the temperature late, by one thermal time constant."""
+    """Drift that lags the temperature by one thermal time constant."""
 
     equation = "y(t) = f(u) (1 + a dT) + b dT, dT after a thermal lag"
     contains = ("drift",)

@@ -1,12 +1,12 @@
-"""One piece of linear dynamics, as it is identified with a hysteresis: its block, its words.
+"""One linear dynamic element identified together with a hysteresis: its block and its wording.
 
     drive    v = u + tau du/dt (lead), v(t) = u(t - tau) (delay), tau dv/dt + v = u (lag)
     sensor   a lag of first order, or a well-damped one of second order, on the displacement
 
-A lead of a part of a sample is a convention: of a recorder that reads late, or of a stage whose
-rate is the derivative and not the difference to the sample before. What stands behind the
-hysteresis is taken to belong to the sensor and is never compensated; one recording of drive and
-reading cannot tell a filter in the sensor from a servo around the stage.
+A lead of a fraction of a sample represents a recorder that reads late, or a stage whose rate is the
+derivative and not the difference from the previous sample. Dynamics after the hysteresis are
+attributed to the sensor and are never compensated: one recording of drive and reading cannot
+distinguish a filter in the sensor from a servo around the stage.
 """
 
 import math
@@ -28,7 +28,7 @@ class Dynamics:
 
     @property
     def block(self) -> Block:
-        """The block of the model file."""
+        """The block for the model file."""
         if self.kind == SECOND:
             frequency, damping = self.theta
             numbers = {"frequency_hz": frequency, "damping": damping, "share": 1.0}
@@ -38,7 +38,7 @@ class Dynamics:
 
     @property
     def name(self) -> str:
-        """In words, for people."""
+        """Description in words, for the user."""
         where = "of the drive" if self.place == "drive" else "of the sensor"
         if self.kind == SECOND:
             frequency, damping = self.theta
@@ -47,7 +47,7 @@ class Dynamics:
 
     @property
     def doubt(self) -> str:
-        """What is to be said where this recording does not tell it from one of the sensor."""
+        """Sentence for a recording that cannot distinguish it from dynamics of the sensor."""
         what = f"{self.name}: drive or sensor cannot be distinguished in this recording"
         taken = "it is attributed to the drive and compensated"
         if self.kind == DELAY:
@@ -59,18 +59,18 @@ class Dynamics:
 
     @property
     def delay_s(self) -> float:
-        """By how much a slow move comes late [s]."""
+        """Delay of a slow move [s]; negative for a lead."""
         if self.kind == SECOND:
             return self.theta[1] / (math.pi * self.theta[0])
         return -self.theta[0] if self.kind == LEAD else self.theta[0]
 
     @property
     def short(self) -> bool:
-        """A shift in time, beside which narrow operators may be free; what they would imitate of a
-        lag they must not."""
+        """Whether it is a mere shift in time. Narrow operators may then be free; with a lag they
+        must not be, since they would imitate it."""
         return self.kind in (LEAD, DELAY)
 
     @property
     def sided(self) -> bool:
-        """Whether it is another before the hysteresis than behind it."""
+        """Whether its effect before the hysteresis differs from that after it."""
         return self.kind != DELAY

@@ -1,11 +1,12 @@
-"""Creep that still runs from before the recording: y = x + amount log10(1 + t / since).
+"""Creep of a move before the recording: y = x + amount log10(1 + t / since).
 
-The last move before the recording ended `since` before its first sample; t counts from there.
-Log-type creep of that move (Jung and Gweon 2000) goes on through the recording, whatever its drive
-does. It belongs to one recording: forward only. A new recording begins with its own past.
+The last move before the recording ended `since` before the first sample; t is the time from that
+sample. Log-type creep of that move (Jung and Gweon 2000) continues through the recording,
+independent of its drive. It belongs to one recording and is forward only, since every recording has
+a different past.
 
-A stage that creeps from one move creeps from all, the recorded ones too. A warm-up looks like creep
-of one move, but has no such company.
+A stage that creeps after one move also creeps after the recorded ones. A warm-up resembles the
+creep of one move, but the recorded moves then do not creep.
 """
 
 import math
@@ -30,10 +31,10 @@ from dehyst.models.physics.kind import Kind, Never, Param
 from dehyst.models.signals.joined import Data, Floats
 
 PACKED = fields("amount", "since")
-STATE = fields("elapsed")  # since the first sample
-MOST = 0.5  # of the stroke, that a decade of time may move: the move may have been a larger one
-MOST_OF_REACH = 0.1  # and of the displacement that the drive makes from 0
-EARLIEST, LATEST = 0.002, 3.0  # of the recording's length: the last move's end before it
+STATE = fields("elapsed")  # time since the first sample
+MOST = 0.5  # largest creep per decade, of the stroke: the move may have been larger than that
+MOST_OF_REACH = 0.1  # the same, of the displacement of a move from drive 0; the larger one counts
+EARLIEST, LATEST = 0.002, 3.0  # range of `since`, relative to the recording's length
 
 
 @Kernel
@@ -62,7 +63,7 @@ KIND = Kind(
 
 
 class EarlierCreep(Candidate):
-    """y + a log10(1 + t / since) in each recording, its own a and since."""
+    """y + a log10(1 + t / since), with a separate a and since for each recording."""
 
     name = "creep"
     key = "creep-earlier"
@@ -102,7 +103,7 @@ class EarlierCreep(Candidate):
         }
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        # a model has one past: that of the recording with most of it
+        # a model has one past: that of the recording with the largest amplitude
         since, context = theta[int(np.argmax(np.abs(amplitudes)))], Context(data.u, data.y)
         one = self.columns(data, context, (since,) * len(theta))
         added = self.columns(data, context, theta) @ amplitudes

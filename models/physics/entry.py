@@ -1,7 +1,7 @@
-"""What a file of physics offers: its blocks, how it is recognised, the experiment that shows it.
+"""The interface of a file of physics: its blocks, its candidates, the experiment that reveals it.
 
-`Physics` is the entry that the folder's listing finds. A `Specimen` gives the blocks that stand
-for an effect in simulations, the typical one first, further strengths behind it.
+`Physics` is the entry that the registry finds in each file of the folder. A `Specimen` provides the
+blocks that represent an effect in simulations: the typical one first, then other strengths.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,7 +17,7 @@ TEMPERATURE, OTHER_AXIS = "temp_c", "u2_v"  # channels that the simulated experi
 
 @dataclass(frozen=True)
 class Scales:
-    """What an experiment offers: drive range [drive unit], steepest rate [drive unit / s], sampling
+    """Scales of an experiment: drive range [drive unit], highest rate [drive unit / s], sampling
     period and length [s], the stage's stroke [displacement unit], and the units."""
 
     drive_min: float
@@ -31,14 +31,14 @@ class Scales:
 
     @property
     def span(self) -> float:
-        """Width of the drive's range."""
+        """Width of the drive range."""
         return self.drive_max - self.drive_min
 
 
 @dataclass(frozen=True)
 class Specimen:
-    """variants: blocks for these conditions, the typical one first; hint: what else to record;
-    in_base: a base of hysteresis of any shape would take it whole."""
+    """variants: returns the blocks for given scales, the typical one first; hint: what else to
+    record; in_base: a base that represents hysteresis of any shape would absorb the effect."""
 
     variants: Callable[[Scales], list[Block]]
     hint: str = ""
@@ -49,12 +49,12 @@ class Specimen:
 class Physics:
     """One file's physics.
 
-    name: word of the diagnosis' vocabulary; kinds: blocks of the model file; candidates(data): what
-    the diagnosis may find in these recordings; changes(data): what is inside the base of a
-    diagnosis, and shows only about a model that was right before; specimens: by the name that
-    `dehyst excite --separate` takes; distinguished_by: name of a rival -> the drive that
-    separates the two, in words; looks: of a loop of another shape than the model's, what it would
-    look like -> its rank among those that look so.
+    name: word of the diagnosis' vocabulary; kinds: blocks of the model file; candidates(data): the
+    effects that the diagnosis may find in these recordings; changes(data): effects that the base of
+    a diagnosis absorbs, so that they are found only as a change from a model that was right before;
+    specimens: by the name that `dehyst excite --separate` takes; distinguished_by: name of a rival
+    -> the drive that separates the two, in words; looks: a look of a loop whose shape differs from
+    the model's -> the rank of this physics among the causes of that look.
     """
 
     name: str

@@ -3,12 +3,12 @@ dz/dx = (1 - z sign v)^n sign v / l.
 
 The presliding state z of Dahl (1976) with the speed dependence of Stribeck, as in the LuGre
 model (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Autom. Control 40, 1995, 419). The
-exponent n is 1, and it bends, or 0: it gives way in a straight line, then slides. With n = 0 and
-a = l the stage rests after each turn until x has moved on by 2 l, a play.
+exponent n is 1 (z follows a curve) or 0 (z rises linearly, then slides). With n = 0 and a = l the
+stage rests after each turn until x has moved by 2 l: a play.
 
-A rate-independent memory of the displacement: inside the base of a diagnosis. About a model that
-was right before, it shows alone. What fades with the speed is reported by `bristles`; n = 1 and a
-part b stand in older model files.
+This is a rate-independent memory of the displacement, which the base of a diagnosis absorbs. It is
+found as a change from a model that was right before. Friction that decreases with the speed is
+reported by `bristles`; n = 1 and a part b occur in older model files.
 """
 
 import math
@@ -25,18 +25,18 @@ from dehyst.models.physics.kind import Kind, Param, Solved, Values, head_record
 from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats
 
-SETTLED = 1e-6  # part of the friction
+SETTLED = 1e-6  # tolerance of the inverse, relative to the friction
 LEAST_SLOPE = 0.05
-"""Of what it gives way while it sticks: a play that rests altogether cannot be undone (the stage
-then stays behind by twice this part of the friction, for the moment of the turn)."""
-MOST_OF_LENGTH = 1.3  # friction that gives way by more than all of the way is none
+"""Smallest slope dy/dx while it sticks: a play with slope 0 cannot be inverted (the stage then lags
+at the turn by up to twice this fraction of the friction)."""
+MOST_OF_LENGTH = 1.3  # largest a / l: beyond 1 the stage would move backwards while it sticks
 PACKED = fields("length", "stribeck", "sliding", "extra", "exponent")
-STATE = fields("x", "z")  # input before, presliding
+STATE = fields("x", "z")  # previous input, presliding
 
 
 @njit(cache=True, nogil=True)
 def _preslid(length: float, exponent: float, x_before: float, z: float, x: float) -> float:
-    """Presliding after a move to x."""
+    """Return the presliding state after a move to x."""
     dx = x - x_before
     if exponent == 0.0:
         return max(-1.0, min(1.0, z + dx / length))
@@ -48,7 +48,7 @@ def _preslid(length: float, exponent: float, x_before: float, z: float, x: float
 
 @njit(cache=True, nogil=True)
 def _output(p_at: int, s_at: int, x: float, dt: float) -> float:
-    """Output for the next input x; the state is left as it is."""
+    """Return the output for the next input x; the state is not modified."""
     p, s = record(p_at, PACKED), record(s_at, STATE)
     z = _preslid(p.length, p.exponent, s.x, s.z, x)
     speed = (x - s.x) / dt / p.stribeck if dt > 0.0 else 0.0
@@ -76,8 +76,8 @@ def step(
 def solve(
     p_at: int, n_p: int, s_at: int, n_s: int, y: float, t: float, dt: float, ch: float
 ) -> float:
-    """Inverse. There always is an input within the largest friction of y; regula falsi
-    (Illinois)."""
+    """Inverse, by regula falsi (Illinois). A solution always exists within the largest friction
+    of y."""
     p = record(p_at, PACKED)
     most = abs(p.sliding) + abs(p.extra)
     low, high = y - most, y + most
@@ -132,7 +132,7 @@ KIND = Kind(
 
 
 class DryFriction(Candidate):
-    """x - a z, dz/dx = 1 / l within -1..1: it gives way in a straight line, then slides."""
+    """x - a z, dz/dx = 1 / l within -1..1: z rises linearly, then slides."""
 
     name = "friction"
     key = "friction-dry"
@@ -185,7 +185,7 @@ class DryFriction(Candidate):
 
 
 def _variants(s: Scales) -> list[Block]:
-    """Friction of a hundredth of the stroke."""
+    """Return friction of a hundredth of the stroke."""
     y, size = s.unit, 0.01 * s.stroke
     params = {f"stribeck_{y}_per_s": s.stroke, f"sliding_{y}": size, f"extra_{y}": 0.0}
     return [

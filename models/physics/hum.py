@@ -1,7 +1,8 @@
-"""Fixed lines: y = x + sum_i A_i sin(2 pi f_i t + phase_i), t the recording's own time.
+"""Fixed lines: y = x + sum_i A_i sin(2 pi f_i t + phase_i), t the time within the recording.
 
-The mains and its harmonics, and any line whose frequency does not know the drive. The phase
-belongs to one recording: forward only, and of several recordings only where they share it.
+These are the mains, its harmonics, and any line whose frequency is independent of the drive. The
+phase belongs to one recording. The block is therefore forward only, and is written only if several
+recordings share the phase.
 """
 
 import math
@@ -39,8 +40,9 @@ def _check(values: Values) -> str:
 
 
 ALIKE = 0.95
-"""Length of the recordings' mean phasor, of their rms, from which they share a phase: within about
-20 degrees. With others a line predicts nothing of a further recording, and is not written."""
+"""Recordings share a phase (within about 20 degrees) if the length of their mean phasor is at least
+this fraction of their rms amplitude. Otherwise the line predicts nothing for a further recording,
+and is not written."""
 
 KIND = Kind(
     name="hum",
@@ -59,7 +61,7 @@ KIND = Kind(
 
 
 class Hum(Candidate):
-    """sum_k A_k sin(2 pi f_k t + phase_k), phases free in each recording."""
+    """sum_k A_k sin(2 pi f_k t + phase_k), with separate amplitudes and phases per recording."""
 
     name = key = "hum"
     title = "Fixed lines"
@@ -71,7 +73,7 @@ class Hum(Candidate):
     order = 70
     driven = False
     place = "sensor"
-    widest_spread = 0.6  # a line that is there at times is reported with its times
+    widest_spread = 0.6  # a line that is present only at times is reported with these times
 
     def params_at(self, theta: Sequence[float]) -> tuple[Parameter, ...]:
         return tuple(
@@ -103,7 +105,7 @@ class Hum(Candidate):
         return out
 
     def per_recording(self, theta: Sequence[float], amplitudes: Floats) -> Floats:
-        """(lines, recordings) complex amplitudes; sin part real, cos part imaginary."""
+        """Return (lines, recordings) complex amplitudes; real: sine part, imaginary: cosine."""
         a = np.asarray(amplitudes).reshape(len(theta), self._recordings, 2)
         return a[..., 0] + 1j * a[..., 1]
 
@@ -128,12 +130,12 @@ class Hum(Candidate):
         return f"not on multiples of {f:.4g} Hz, at which the drive repeats itself" if f else ""
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        if self._recordings < 2:  # one alone does not show that the next has the same phase
+        if self._recordings < 2:  # one recording does not show that the next has the same phase
             return ()
         out = []
         rows = np.bincount(data.rec[data.rows], minlength=self._recordings)
         for f, line in zip(theta, self.per_recording(theta, amplitudes), strict=True):
-            counted = np.where(line != 0.0, rows, 0)  # 0: of a recording that was left out
+            counted = np.where(line != 0.0, rows, 0)  # amplitude 0: the recording was left out
             count = max(float(counted.sum()), 1.0)
             mean = complex(line @ counted / count)
             if abs(mean) < ALIKE * np.sqrt(np.abs(line) ** 2 @ counted / count):
@@ -161,7 +163,7 @@ class Hum(Candidate):
 
 
 def line_for_a_time(frequency_hz: float, size: str, span: str) -> dict[str, str]:
-    """What is said of one that is there in a span of the recordings alone."""
+    """Return the texts for a line that is present in only a span of the recordings."""
     return {
         "name": Hum.name,
         "key": "hum-for-a-time",

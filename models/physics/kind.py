@@ -1,9 +1,9 @@
-"""What a kind of block is: its parameters, where it may stand, its kernels, its inverse.
+"""A kind of block: its parameters, the places where it may act, its kernels, its inverse.
 
 Every kind has one forward kernel for one sample with explicit state (see
-`dehyst.models.physics.address`) and one of the ways to undo it. Between samples the input is taken
-as a straight line (first-order hold), which makes the sampled forms of linear blocks exact for
-recordings of smooth motion at any sampling. A block starts settled at its first input.
+`dehyst.models.physics.address`) and one type of inverse. Inputs are interpolated linearly between
+samples (first-order hold), so that the sampled form of a linear block is exact for such inputs at
+any sampling period. A block starts settled at its first input.
 """
 
 import re
@@ -18,8 +18,8 @@ from dehyst.models.model import Block, Floats
 from dehyst.models.physics.address import Kernel, call_kernel, fields
 
 UNITS = ("v", "um", "nm", "counts", "mrad", "urad")
-SAME = 1e-9  # sampling intervals that differ by less than this part count as equal
-STATES = 3  # alike, of a block that is led or solved: its own, what undoes it, that a sample later
+SAME = 1e-9  # relative difference below which two sampling intervals count as equal
+STATES = 3  # equal parts of the state of a kind with Led.solve: forward, inverse, inverse one later
 NOTHING = fields()  # the state of a block without memory
 
 Values = dict[str, Floats]
@@ -29,7 +29,7 @@ Values = dict[str, Floats]
 class Param:
     """One parameter. key: as in the model file, with {u} for the drive unit and {y} for the
     displacement unit; name: the same without units; low, high: allowed range, ends included;
-    many: a list is allowed; default: None where the key must be given."""
+    many: a list is allowed; default: None if the key is required."""
 
     key: str
     name: str
@@ -41,7 +41,7 @@ class Param:
     default: tuple[float, ...] | None = None
 
     def matches(self, key: str, drive_unit: str = "", displacement_unit: str = "") -> bool:
-        """Whether `key` is this parameter in the given units ("": any unit)."""
+        """Return whether `key` is this parameter in the given units ("": any unit)."""
         every = "(" + "|".join(UNITS) + ")"
         pattern = re.escape(self.key)
         pattern = pattern.replace(r"\{u\}", drive_unit or every)
@@ -49,15 +49,15 @@ class Param:
         return re.fullmatch(pattern, key) is not None
 
     def key_in(self, drive_unit: str, displacement_unit: str) -> str:
-        """The key for a model in these units."""
+        """Return the key for a model in these units."""
         return self.key.replace("{u}", drive_unit).replace("{y}", displacement_unit)
 
 
 @dataclass(frozen=True)
 class Solved:
-    """Undone sample by sample. solve: kernel that turns the output into the input and advances
-    the state; memory: its state at the present counts, so it begins there; without memory also
-    the targets that have passed are turned."""
+    """Inverted sample by sample. solve: kernel that computes the input from the output and advances
+    the state; memory: the inverse depends on the state, so that it starts at the present sample;
+    without memory, past targets are converted as well."""
 
     solve: Kernel
     memory: bool
@@ -65,11 +65,12 @@ class Solved:
 
 @dataclass(frozen=True)
 class Led:
-    """The targets lead. lead(p): seconds of the first derivative, seconds squared of the second.
-    Before the hysteresis the command leads, by the first alone. solve: kernel that undoes it
-    exactly, sample by sample, where is_solved(p, dt) says that this is stable at samples spaced by
-    dt. Its state is its own, the second of STATES alike: it goes by the targets. By what was really
-    applied it would answer each limit of the drive with more drive, without end."""
+    """Inverted by a lead on the targets. lead(p): factors of the first derivative [s] and of the
+    second [s^2]. For a block before the hysteresis the command leads, by the first derivative only.
+    solve: kernel that inverts the block exactly, sample by sample; it is used where
+    is_solved(p, dt) says that this is stable at a period of dt [s]. It has its own state, the
+    second of the STATES parts, driven by the targets. Driven by the applied command, it would react
+    to each limit of the drive with ever more drive."""
 
     lead: Callable[[Floats], tuple[float, float]]
     solve: Kernel | None = None
@@ -78,28 +79,28 @@ class Led:
 
 @dataclass(frozen=True)
 class Shifted:
-    """The targets are taken later: the window of known targets moves by seconds(p)."""
+    """Inverted by a shift: the window of known targets moves ahead by seconds(p) [s]."""
 
     seconds: Callable[[Floats], float]
 
 
 @dataclass(frozen=True)
 class Limited:
-    """Nothing to undo inside the limits that it sets: limits(p) is the lowest and the highest
-    drive and the largest rate."""
+    """Needs no inverse within its limits: limits(p) returns the lowest drive, the highest drive and
+    the highest rate."""
 
     limits: Callable[[Floats], tuple[float, float, float]]
 
 
 @dataclass(frozen=True)
 class Subtracted:
-    """The block stands beside the hysteresis: it reads the drive and adds to the displacement.
-    What it adds along the planned drive is subtracted from the targets."""
+    """The block acts parallel to the hysteresis: it reads the drive and adds to the displacement.
+    Its contribution along the planned drive is subtracted from the targets."""
 
 
 @dataclass(frozen=True)
 class Never:
-    """Not compensated; why: in words."""
+    """Not compensated; why: the reason, in words."""
 
     why: str
 
@@ -108,12 +109,12 @@ Inverse = Solved | Led | Shifted | Limited | Subtracted | Never
 
 
 def forgotten(p: Floats, s: Floats, x: float) -> None:
-    """Start with every number of the state 0."""
+    """Set every number of the state to 0."""
     s[:] = 0.0
 
 
 def head_record(numbers: Floats, dtype: np.dtype[Any]) -> Any:
-    """The head of a flat array as a record, to read and write by name."""
+    """Return the head of a flat array as a record, with fields read and written by name."""
     return numbers[: len(dtype.names or ())].view(dtype)[0]
 
 
@@ -121,11 +122,11 @@ def head_record(numbers: Floats, dtype: np.dtype[Any]) -> Any:
 class Kind:
     """One kind of block.
 
-    packed: the names of what `pack` lays side by side, in order; pack(values, dt) -> p, where it
-    is not plainly these; state: the names of the state's numbers; size(p, dt): their number, where
-    there are more behind them; start(p, s, x): settle at x; check(values): a sentence where
-    parameters contradict each other, or ""; reach_assumes: under which condition the reach of a
-    slow triangle is that of the stage, "" where it always is.
+    packed: names of the packed parameters, in order; pack(values, dt) -> p, where packing is more
+    than listing these; state: names of the state's numbers; size(p, dt): length of the state, where
+    further numbers follow the named ones; start(p, s, x): settle at x; check(values): a sentence if
+    parameters contradict each other, else ""; reach_assumes: the condition under which the stage's
+    reach equals that of a slow triangle, "" if it always does.
     """
 
     name: str
@@ -151,21 +152,21 @@ class Kind:
 
     @property
     def beside(self) -> bool:
-        """Whether it stands beside the hysteresis."""
+        """Whether the block acts parallel to the hysteresis."""
         return isinstance(self.inverse, Subtracted)
 
     @property
     def dynamic(self) -> bool:
-        """Whether its inverse wants targets that lie ahead."""
+        """Whether the inverse needs future targets."""
         return isinstance(self.inverse, Led | Shifted)
 
     def compile(self) -> list[int]:
-        """Addresses of its kernels, which are compiled by this, or taken from the cache."""
+        """Compile the kernels, or load them from the cache, and return their addresses."""
         solve = self.inverse.solve if isinstance(self.inverse, Solved | Led) else None
         return [kernel.address for kernel in (self.step, solve) if kernel is not None]
 
     def numbers(self, values: Values, dt: float) -> tuple[Floats, int]:
-        """Packed parameters p, and the length of the state."""
+        """Return the packed parameters p and the length of the state."""
         if self.pack is None:
             p = np.array([values[name][0] for name in self.packed.names or ()])
         else:
@@ -173,7 +174,7 @@ class Kind:
         return p, len(self.state.names or ()) if self.size is None else self.size(p, dt)
 
     def values(self, block: Block, drive_unit: str = "", displacement_unit: str = "") -> Values:
-        """Parameters by name, each as an array. Raises BadModel naming the key."""
+        """Return the parameters by name, each as an array. Raises BadModel, naming the key."""
         out: Values = {}
         known = [p.key_in(drive_unit or "v", displacement_unit or "um") for p in self.params]
         for key, value in block.params.items():
@@ -202,9 +203,9 @@ class Kind:
         channel: Floats | None = None,
         **values: float | Floats | tuple[float, ...],
     ) -> Floats:
-        """Output (N,) for an input x (N,) at times t_s (N,); values by parameter name.
+        """Return the output (N,) for an input x (N,) at times t_s (N,); values by parameter name.
 
-        No checks of the values; missing ones take their default.
+        The values are not checked; missing ones take their defaults.
         """
         given = {name: np.atleast_1d(np.asarray(v, np.float64)) for name, v in values.items()}
         for param in self.params:
@@ -213,7 +214,7 @@ class Kind:
         return self.run(given, x, t_s, channel)
 
     def run(self, values: Values, x: Floats, t_s: Floats, channel: Floats | None = None) -> Floats:
-        """Output (N,) for an input x (N,) at times t_s (N,), from settled at x[0]."""
+        """Return the output (N,) for an input x (N,) at times t_s (N,), settled at x[0] before."""
         x = np.ascontiguousarray(x, np.float64)
         t_s = np.ascontiguousarray(t_s, np.float64)
         y = np.empty(x.size)

@@ -1,7 +1,7 @@
 """First-order lag: tau dy/dt + y = x (amplifier into the stack's capacitance, sensor filter).
 
-Exact for an input that runs in straight lines between the samples. A servo around the stage is
-recognised here too, as a lag of second order; its block is a resonance that does not ring.
+The form is exact for an input that is linear between the samples. A servo around the stage is also
+recognised here, as a second-order lag; its block is a resonance that does not ring.
 """
 
 import math
@@ -19,7 +19,7 @@ from dehyst.models.signals.filters import lag_step, lowpass, second_order
 from dehyst.models.signals.joined import Data, Floats
 
 PACKED = fields("tau")
-STATE = fields("y", "x", "dt", "decay")  # output, input before, dt of the decay, decay
+STATE = fields("y", "x", "dt", "decay")  # output, previous input, dt of the decay, decay
 
 
 @Kernel
@@ -57,12 +57,12 @@ KIND = Kind(
 
 
 OF_A_SAMPLE = 0.1
-"""What the drive does between two samples is not known: by so much of a sample a time may be off
+"""Uncertainty of a time in samples: the drive between two samples is unknown
 (tests/benchmarks/models/proof: of 11 intervals the 4 that missed were off by up to 0.06)."""
 
 
 class Lag(Candidate):
-    """tau dv/dt + v = u for the drive, or the same on the reading; order 2: two such in a row."""
+    """tau dv/dt + v = u for the drive, or the same on the reading; two poles: two in series."""
 
     name = "lag"
     limit_unit = "s"
@@ -138,8 +138,8 @@ class Lag(Candidate):
 
 
 class Servo(Candidate):
-    """w^2 / (s^2 + 2 z w s + w^2) with so much damping that it does not ring: a closed loop
-    around the stage, or a filter of second order (Butterworth: z = 0.71)."""
+    """w^2 / (s^2 + 2 z w s + w^2), damped enough not to ring: a closed loop around the stage, or a
+    second-order filter (Butterworth: z = 0.71)."""
 
     name = "lag"
     key = "lag-second"

@@ -1,11 +1,11 @@
-"""Loops that change with the rate: plays whose thresholds grow with the drive's rate.
+"""Loops that change with the rate: plays whose thresholds increase with the rate of the drive.
 
     y = sum_i g_i (D_i - H_i) + k_i dv/dt H_i,    D_i the play of width r_i / scale + d |dv/dt|^p
 
-v = (u - center) / scale, H_i its plays of width r_i / scale, dv/dt and |dv/dt| each behind a
-low-pass. The first sum are the rate-dependent plays of Al Janaideh, Rakheja and Su (Mechatronics
-19, 2009, 656), beside the ones that the model in use has; the second is the linear rate dependence
-of Qin et al. (Eq. 5). It reads the drive as it reaches the hysteresis and adds to its displacement.
+v = (u - center) / scale, H_i its plays of width r_i / scale; dv/dt and |dv/dt| are low-passed. The
+first sum adds the rate-dependent plays of Al Janaideh, Rakheja and Su (Mechatronics 19, 2009, 656),
+relative to the static plays of the model in use; the second is the linear rate dependence of Qin et
+al. (Eq. 5). The block reads the drive that reaches the hysteresis and adds to its displacement.
 """
 
 import math
@@ -21,8 +21,8 @@ from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Subtracted, Values, head_record
 from dehyst.models.signals.joined import Bools, Data, Floats
 
-PACKED = fields("center", "scale", "power", "dilation", "tau")  # behind: r / scale, g, k of n
-STATE = fields("before", "rate", "speed")  # behind: n plays, and n that dilate
+PACKED = fields("center", "scale", "power", "dilation", "tau")  # then r / scale, g, k, n of each
+STATE = fields("before", "rate", "speed")  # followed by n static plays and n that dilate
 HEAD = ("power", "dilation", "smoothing")
 EACH = ("weights", "slopes")  # of n operators
 HEAD_P, HEAD_S = 5, 3
@@ -30,7 +30,7 @@ HEAD_P, HEAD_S = 5, 3
 
 @njit(cache=True, nogil=True)
 def play_operator(h: float, v: float, r: float) -> float:
-    """A play of half width r, last at h, at the drive v."""
+    """Return the output of a play of half width r at the drive v; h: its previous output."""
     return max(v - r, min(v + r, h))
 
 
@@ -104,11 +104,11 @@ KIND = Kind(
 
 FRACTIONS = np.array([0.01, 0.05, 0.1, 0.15, 0.2])  # thresholds, of the drive's range
 SMOOTHING = 2.0  # sampling periods
-SLOPED = 0.3  # of the part by dv/dt H: what is less than it tells nothing of the widening
+SLOPED = 0.3  # a widening part smaller than this fraction of the dv/dt H part is not checked
 TOGETHER = 0.65
-"""Of the sizes of all weights, their sum: loops that grow wider with the rate do so together, at
-every threshold (tests/benchmarks/models/proof: 0.79 to 1.0; of friction that fades with the speed
--0.6 to 0.5)."""
+"""Smallest sum of the weights, relative to the sum of their magnitudes: loops that widen with the
+rate do so at every threshold (tests/benchmarks/models/proof: 0.79 to 1.0; friction that decreases
+with the speed: -0.6 to 0.5)."""
 
 
 class Rate(Candidate):
@@ -125,7 +125,7 @@ class Rate(Candidate):
     static = True
     minima = 2
     rival_if_implausible = False
-    widest_spread = 0.3  # where it is reported truly: 0.03 (tests/benchmarks/models/proof)
+    widest_spread = 0.3  # true cases have 0.03 (tests/benchmarks/models/proof)
 
     parameters = (Parameter("power", "1", 0.2, 2.0), Parameter("dilation", "1", 0.003, 1.0))
 
@@ -142,12 +142,12 @@ class Rate(Candidate):
         return _columns(v, data.dt, data.starts, 2.0 * FRACTIONS, theta[0], dilation, tau)
 
     def _dilation(self, theta: Sequence[float]) -> float:
-        """Of the scaled thresholds at a rate of 1/s; theta has that at the recordings' usual one,
-        which is what they tell."""
+        """Return the dilation of the scaled thresholds at a rate of 1/s. theta contains that at the
+        rms rate of the recordings, which they determine."""
         return float(theta[1] / self._usual ** theta[0])
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
-        return {"power": (float(theta[0]), "1")}  # dilation and weights stand for one another
+        return {"power": (float(theta[0]), "1")}  # dilation and weights are interchangeable
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         n = FRACTIONS.size
@@ -180,7 +180,7 @@ class Rate(Candidate):
 
 
 def _rates(data: Data) -> Floats:
-    """(N,) rate of the drive, of half its range a second; 0 where a recording begins."""
+    """Return the (N,) rate of the drive, in half ranges per second; 0 at a recording's start."""
     step = np.diff(data.u, prepend=data.u[0]) * (2.0 / data.span)
     return np.divide(step, data.dt, out=np.zeros(data.n), where=~data.starts.astype(bool))
 
@@ -213,7 +213,7 @@ def _columns(
 
 
 def _variants(s: Scales) -> list[Block]:
-    """Thresholds of a tenth that are half as wide again at half the steepest rate."""
+    """Return blocks whose thresholds widen by 0.05 of the half range at half the highest rate."""
     u, half = s.drive_unit, 0.5 * s.span
     full = 0.5 * s.rate_max / half
     out = []

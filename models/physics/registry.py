@@ -1,11 +1,11 @@
-"""The physics around the hysteresis: one file for each, found by listing this folder.
+"""Find the physical effects around the hysteresis: one file each, found by listing this folder.
 
-    drive blocks -> hysteresis (+ what stands beside it) -> stage blocks -> displacement
+    drive blocks -> hysteresis (+ blocks parallel to it) -> stage blocks -> displacement
                  -> sensor blocks -> reading
 
-Blocks of one place act in the order in which the model lists them. The drive compensates what
-moves the stage (drive and stage blocks); what only the sensor does is never compensated. How a
-block is undone stands with its kind; ahead of the present sample a channel is taken to stand still.
+Blocks in the same place act in the order in which the model lists them. Drive and stage blocks move
+the stage and are compensated; sensor blocks affect only the reading and never are. The kind of a
+block defines its inverse. Channels are assumed constant after the present sample.
 
 A file with physics defines PHYSICS (see `dehyst.models.physics.entry`): to add physics, add a file.
 """
@@ -22,7 +22,7 @@ from dehyst.models.physics.kind import Kind
 from dehyst.models.signals.joined import Data
 
 PLACES = ("drive", "stage", "sensor")
-# files here that are no physics
+# files of this folder that define no physics
 FRAME = ("address", "candidate", "dynamics", "entry", "kind", "registry")
 
 
@@ -40,19 +40,20 @@ KINDS: dict[str, Kind] = {kind.name: kind for one in PHYSICS.values() for kind i
 
 
 def list_candidates(data: Data) -> list[Candidate]:
-    """Every candidate that these recordings allow, in the order of their place in the cascade."""
+    """Return every candidate that these recordings allow, in the order of the cascade."""
     found = [c for one in PHYSICS.values() for c in one.candidates(data)]
     return sorted(found, key=lambda c: c.order)
 
 
 def changes_alone(data: Data) -> list[Candidate]:
-    """What can be reported only as the one change of a stage whose model was right."""
+    """Return the candidates that can be reported only as the single change from a model that was
+    right before."""
     return [c for one in PHYSICS.values() for c in one.changes(data)]
 
 
 def check_block(block: Block, drive_unit: str = "", displacement_unit: str = "") -> None:
-    """Raise BadModel, naming the key, where a block's kind, place, channel or parameters are
-    wrong. Units: those of the model, "" where they are not known."""
+    """Raise BadModel, which names the key, if a block's kind, place, channel or parameters are
+    wrong. Units: those of the model, "" if unknown."""
     kind = KINDS.get(block.kind)
     if kind is None:
         raise BadModel(f"kind: {block.kind!r} is not known; known are {', '.join(KINDS)}")

@@ -1,6 +1,6 @@
 """One mechanical mode: y = (1 - share) x + share q,  q'' + 2 z w q' + w^2 q = w^2 x.
 
-Exact for an input that runs in straight lines between the samples, for any damping z.
+The form is exact for an input that is linear between the samples, for any damping z.
 """
 
 import math
@@ -23,20 +23,20 @@ from dehyst.models.signals.peaks import peaks
 from dehyst.models.signals.periodic import fastest_hz
 
 PACKED = fields("frequency", "damping", "share")
-# displacement and speed of the mode, input before; dt of the decay, which is free over dt as a
-# 2 x 2 matrix: (e, e') after = M (e, e') before
+# displacement and speed of the mode, previous input; dt of the decay, and the free decay over dt as
+# a 2 x 2 matrix: (e, e') after = M (e, e') before
 MODE = ("q", "speed", "x", "dt", "m11", "m12", "m21", "m22")
 STATE = fields(*MODE)
-UNDOING = 8 * len(MODE)  # bytes in front of the state of `solve`
+UNDOING = 8 * len(MODE)  # offset of the state of `solve` [bytes]
 RINGS_S, ZIGZAG = 0.5, 0.5
-"""A drive that undoes the mode may ring for so long after a step, and fall by no more from one
-sample to the next of a zigzag (tests/benchmarks/daemon/second_act_offline: rings for 0.05 to 0.15
-s, no zigzag)."""
+"""Limits of the inverse: the longest decay time [s] of the drive's ringing after a step, and the
+largest factor from sample to sample of an alternating drive
+(tests/benchmarks/daemon/second_act_offline: rings for 0.05 to 0.15 s, does not alternate)."""
 
 
 @njit(cache=True, nogil=True)
 def move_mode(s: Any, frequency: float, damping: float, x: float, dt: float) -> None:
-    """Advance a mode, a record with the fields MODE, to the input x."""
+    """Advance a mode, a record with the fields MODE, by dt to the input x."""
     if dt > 0.0:
         w, z = 2.0 * math.pi * frequency, damping
         if abs(dt - s.dt) > SAME * dt:
@@ -70,14 +70,15 @@ def _lead(p: Floats) -> tuple[float, float]:
 def solve(
     p_at: int, n_p: int, s_at: int, n_s: int, y: float, t: float, dt: float, ch: float
 ) -> float:
-    """Inverse: the end of the straight line that leads the output to y, by a mode of its own that
-    no limit of the drive has touched. `_is_solved` says where."""
+    """Inverse: return the input x for which a line from the previous input to x makes the output y.
+    The mode has a separate state, unaffected by limits of the drive. It is used where `_is_solved`
+    holds."""
     p, s = record(p_at, PACKED), record(s_at + UNDOING, STATE)
     x = y
     if dt > 0.0:
         w, z = 2.0 * math.pi * p.frequency, p.damping
         m11, m12, _, _ = free_decay(w, z, dt)
-        turn = (2.0 * z / w * (m11 - 1.0) - m12) / dt  # of the mode, by the line's rise
+        turn = (2.0 * z / w * (m11 - 1.0) - m12) / dt  # response of q - x to a rise of the line
         free = m11 * (s.q - s.x) + m12 * s.speed
         x = (y + p.share * (turn * s.x - free)) / (1.0 + p.share * turn)
     move_mode(s, p.frequency, p.damping, x, dt)
@@ -85,10 +86,10 @@ def solve(
 
 
 def _is_solved(p: Floats, dt: float) -> bool:
-    """Whether `solve` is stable at this period: what is left of the stroke beside the mode is
-    what it goes by. A mode that carries nearly all of it has zeros of its sampled form outside the
-    unit circle, or close to -1 (Astrom, Hagander, Sternby, Automatica 20, 1984, 31)."""
-    free = np.zeros((3, 3))  # how mode, speed and input go on while the output stays 0
+    """Return whether `solve` is stable at this period. That requires a part of the stroke that
+    bypasses the mode: if the mode carries nearly all of it, its sampled form has zeros outside the
+    unit circle or close to -1 (Astrom, Hagander, Sternby, Automatica 20, 1984, 31)."""
+    free = np.zeros((3, 3))  # transition of mode, speed and input while the output is kept at 0
     own = slice(len(MODE), len(MODE) + 3)
     for k, one in enumerate(np.diag((1.0, 1.0 / dt, 1.0))):
         state = np.zeros(STATES * len(MODE))
@@ -123,20 +124,20 @@ KIND = Kind(
 )
 
 MIRRORED = 0.8
-HIGHEST_EXCLUDED = 0.25  # of the rate: how much the drive excites what is above, between two
-# samples, is not known
+HIGHEST_EXCLUDED = 0.25  # of the sampling rate: how much the drive between two samples excites
+# higher modes is unknown
 RINGS_WITHIN = 3.0
-"""Times the drive's fastest part: a mode above does not ring, and a loop of another shape or a
-creep may stand for what it does (tests/benchmarks/models/proof: slow scans)."""
+"""Highest frequency, relative to the drive's fastest part: a mode above that does not ring, and a
+loop of another shape or creep may imitate it (tests/benchmarks/models/proof: slow scans)."""
 SURE_DAMPING = 0.2
-"""Of the damping: a mode is excited by what the drive does between two samples, and that is not
-known (tests/benchmarks/models/proof: 0.0140 was reported as 0.0120)."""
+"""Relative uncertainty of the damping: the drive between two samples, which also excites the mode,
+is unknown (tests/benchmarks/models/proof: 0.0140 was reported as 0.0120)."""
 
 
-SURE_SHARE, OPEN_SHARE = 0.02, 0.6  # the same of the share, at least and at most,
-RINGS_LONG = 0.05  # damping, below which a mode rings on for some periods
-NO_RING = 0.4  # damping, of the frequency at which the samples show the mode
-LOST = 1.25  # and times the amplitude that the drive's straight lines do not have at the mode
+SURE_SHARE, OPEN_SHARE = 0.02, 0.6  # relative uncertainty of the share, at least and at most
+RINGS_LONG = 0.05  # damping below which a mode rings for some periods
+NO_RING = 0.4  # damping above which it does not ring; damping at the frequency seen in the samples
+LOST = 1.25  # uncertainty of the share, per amplitude that linear interpolation loses at the mode
 
 
 class Resonance(Candidate):
@@ -171,8 +172,8 @@ class Resonance(Candidate):
         )
 
     def params_at(self, theta: Sequence[float]) -> tuple[Parameter, ...]:
-        """With what a drive that is not straight between two samples does to the share: straight
-        lines have sinc(f dt)^2 of a smooth drive's amplitude at the mode."""
+        """Return the parameters; the share's uncertainty includes the error of linear interpolation
+        between samples, which has sinc(f dt)^2 of a smooth drive's amplitude at the mode."""
         frequency, damping, share = self.parameters
         lost = LOST * (1.0 - float(np.sinc(theta[0] / self._rate)) ** 2)
         return frequency, damping, replace(share, sure=min(max(SURE_SHARE, lost), OPEN_SHARE))
@@ -181,10 +182,10 @@ class Resonance(Candidate):
         rate = 1.0 / data.period
         out: list[tuple[float, ...]] = [(f * rate, 0.1, 1.0) for f in (0.04, 0.1, 0.25)]
         for f in peaks(data, residual):
-            # a lightly damped mode is missed by a start that is a bandwidth off
+            # a start one bandwidth away would miss a lightly damped mode
             near = f * np.array([0.985, 0.995, 1.0, 1.005, 1.015])
             out += [(float(g), z, 1.0) for g in near for z in (0.01, 0.04)]
-            # sampled too slowly, a mode above half the rate rings at its mirror frequency
+            # a mode above half the sampling rate appears at its mirror frequency
             out += [(f, 0.1, 1.0), (rate - f, 0.01, 1.0), (rate + f, 0.01, 1.0)]
         return out
 
@@ -194,11 +195,11 @@ class Resonance(Candidate):
         low, damping, _ = self.parameters
         if f < 0.5 * self._rate or mirrored < low.low:
             return []
-        # it rings as long: damping times frequency is the same
+        # the same decay time: damping times frequency is the same
         return [(mirrored, min(z * f / mirrored, damping.high), share)]
 
     def likely(self, theta: Sequence[float], amplitudes: Floats) -> float:
-        # the mirror of a mode rings at the same samples: only where it does clearly better
+        # a mode and its mirror look the same in the samples: the mirror must fit clearly better
         return 1.0 if theta[0] < 0.5 * self._rate else MIRRORED
 
     def may_be_small(self, theta: Sequence[float]) -> bool:
@@ -217,7 +218,7 @@ class Resonance(Candidate):
         if self.key != "resonance":
             return []
         low, high = np.log10(0.01 / data.period), np.log10(HIGHEST_EXCLUDED / data.period)
-        frequencies = np.logspace(high, low, 13)  # the higher, the weaker
+        frequencies = np.logspace(high, low, 13)  # higher is weaker
         reach = RINGS_WITHIN * fastest_hz(data.u, data.part, data.period)
         return [Probe(float(f), (float(f), 0.02, 1.0)) for f in frequencies if f < reach]
 

@@ -1,11 +1,11 @@
-"""Self-heating: the gain follows the power that the moving stage dissipates.
+"""Self-heating: the gain depends on the power that the moving stage dissipates.
 
     y = x [1 + gain w],    tau dw/dt + w = |dx/dt| |x - m|,    tau dm/dt + m = x
 
-A loop of the hysteresis dissipates in proportion to the square of its size, so a sine of amplitude
-A and frequency f heats in proportion to f A^2, as dielectric loss does (P = 2 pi f C tan(delta)
-U^2; K. Uchino, S. Hirose, IEEE Trans. UFFC 48, 2001, 307); |dx/dt| |x - m| has that mean about any
-slow level m. The heat of a sample acts from the next one on.
+The loss of a hysteresis loop is proportional to the square of its size, so that a sine of amplitude
+A and frequency f heats in proportion to f A^2, like dielectric loss (P = 2 pi f C tan(delta) U^2;
+K. Uchino, S. Hirose, IEEE Trans. UFFC 48, 2001, 307). |dx/dt| |x - m| has a mean of this form about
+any slow level m. The heat of a sample acts from the next sample on.
 """
 
 import math
@@ -23,14 +23,14 @@ from dehyst.models.physics.kind import Kind, Param, Solved, head_record
 from dehyst.models.signals.joined import Bools, Data, Floats
 
 PACKED = fields("gain", "tau")
-STATE = fields("x", "level", "heat")  # input before, its slow level, w
-LEAST_GAIN = 0.1  # of the input, that the inverse takes at least
-MOST_CHANGE = 0.1  # of the gain, that heat may explain
+STATE = fields("x", "level", "heat")  # previous input, its slow level, w
+LEAST_GAIN = 0.1  # smallest total gain that the inverse uses
+MOST_CHANGE = 0.1  # largest relative change of the gain that heat may explain
 
 
 @njit(cache=True, nogil=True)
 def _warm(s: Any, tau: float, x: float, dt: float) -> None:
-    """Advance a record with the fields STATE to the input x."""
+    """Advance a record with the fields STATE by dt to the input x."""
     if dt > 0.0:
         keep = math.exp(-dt / tau)
         between = 0.5 * (s.x + x)
@@ -86,7 +86,8 @@ KIND = Kind(
 
 @njit(cache=True, nogil=True)
 def _heat(x: Floats, tau: float, dt: Floats, starts: Bools, s: Any) -> Floats:
-    """(N,) heat that has acted at each sample, cold before each recording. s: (1,) of STATE."""
+    """Return the (N,) heat that acts at each sample, starting cold in each recording. s: (1,) work
+    record of dtype STATE."""
     out = np.empty(x.size)
     for i in range(x.size):
         if starts[i]:
@@ -150,7 +151,7 @@ class SelfHeating(Candidate):
 
 
 def _variants(s: Scales) -> list[Block]:
-    """Two per cent of the gain after long motion at a tenth of the steepest rate."""
+    """Return blocks that change the gain by 2 % after long motion at 0.1 of the highest rate."""
     power = 0.1 * s.stroke * s.stroke * s.rate_max / s.span
     key = f"gain_s_per_{s.unit}2"
     return [

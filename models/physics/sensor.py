@@ -3,10 +3,10 @@
     polynomial  y = a_0 + a_1 x + a_2 x^2 + ...            (also for what the stage itself does)
     ripple      y = x + a sin(2 pi x / p) + b cos(2 pi x / p) - b
 
-The ripple is the interpolation error of encoders and interferometers, or whatever repeats along
-the range; it belongs to the reading. Recognised is the ripple: a smooth static error of the
-reading cannot be distinguished from the hysteresis' own shape by recordings of one stage, and is
-left to the base.
+The ripple is the interpolation error of encoders and interferometers, or another error that repeats
+along the range; it belongs to the reading. Only the ripple is recognised: recordings of one stage
+cannot distinguish a smooth static error of the reading from the shape of the hysteresis, and the
+base absorbs it.
 """
 
 import math
@@ -22,7 +22,7 @@ from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Never, Param, Solved, Values, head_record
 from dehyst.models.signals.joined import Data, Floats
 
-GUESS = fields("input")  # where the inverse begins; NaN: at the output itself
+GUESS = fields("input")  # start value of the inverse; NaN: the output itself
 RIPPLE = fields("period", "sine", "cosine")
 
 
@@ -38,8 +38,8 @@ def step_polynomial(
 def solve_polynomial(
     p_at: int, n_p: int, s_at: int, n_s: int, y: float, t: float, dt: float, ch: float
 ) -> float:
-    """Inverse, near the input before: Newton with halved steps where the error grows; ends at
-    rounding or where the slope is lost."""
+    """Inverse, near the previous input, by Newton steps that are halved while the error grows. Ends
+    when no step reduces the error, or the slope is 0."""
     p, s = numbers(p_at, n_p), record(s_at, GUESS)
     x = y if math.isnan(s.input) else s.input
     error = polynomial(p, x) - y
@@ -132,7 +132,7 @@ class NonlinearSensor(Candidate):
         )
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
-        # neighbours share two thirds of a period over the range: the search cannot fall between
+        # spacing of half a period over the range, so that the search cannot miss one in between
         counts = np.arange(2.7, 45.0, 0.5) if self._range > 0 else np.zeros(0)
         order = _strongest(data.y[data.rows], residual[data.rows], self._range / counts)
         return [(float(p),) for p in order[:3]]
@@ -172,7 +172,7 @@ class NonlinearSensor(Candidate):
 
 
 def _strongest(y: Floats, residual: Floats, periods: Floats) -> Floats:
-    """Periods by the power of the residual at them, averaged over bins of the reading."""
+    """Return the periods in order of the residual's power, averaged over bins of the reading."""
     bins = np.linspace(y.min(), y.max(), 401)
     place = np.clip(np.digitize(y, bins) - 1, 0, 399)
     count = np.bincount(place, minlength=400)

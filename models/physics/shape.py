@@ -1,17 +1,18 @@
-"""Hysteresis of another shape than the base's. Three kinds of block stand beside it: they read the
-drive u as it reaches the hysteresis, and add to the hysteresis' displacement.
+"""Hysteresis whose shape the base does not have. Three kinds of block act parallel to it: they read
+the drive u that reaches the hysteresis, and add to its displacement.
 
     shape       y = sum_i e1_i H_i + e2_i H_i^2 + ... + e5_i H_i^5
     memory      y = p_4 v^4 + p_5 v^5 + sum_j Z_j (e1_j + e2_j v + e3_j v^2 + e4_j Z_j + e5_j Z_j^2)
                 dZ_j/dv = (sign(dv) - Z_j) / l_j
     one_sided   y = a max(u - H, 0)^2 + b max(H - u, 0)^2
 
-with v = (u - center) / scale, H_i the play of width r_i / scale on v, H that of width r on
+with v = (u - center) / scale, H_i the play of width r_i / scale on v, and H the play of width r on
 u - center. The Z_j are Dahl operators (P. Dahl, "Solid friction damping of mechanical vibrations",
-1976, exponent 1), exact for a drive that moves straight between samples: loops of Duhem and
-Bouc-Wen kind, which sums of plays do not make. All start de-energised.
+1976, exponent 1), exact for a drive that is linear between samples. They represent loops of the
+Duhem and Bouc-Wen type, which sums of plays cannot. All start de-energised.
 
-The diagnosis' base makes the first two; recognised is what it cannot make, a one-sided dead band.
+The base of the diagnosis contains the first two. The candidate here recognises what it does not
+contain, a one-sided dead band.
 """
 
 import math
@@ -28,13 +29,13 @@ from dehyst.models.physics.kind import Kind, Param, Subtracted, Values, head_rec
 from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats
 
-SHAPE = fields("center", "scale")  # behind: r / scale, e1 ... e5 of n operators
-MEMORY = fields("center", "scale", "power_4", "power_5")  # behind: l / scale, e1 ... e5
-MEMORY_STATE = fields("before")  # v before; behind: (n,) operators
+SHAPE = fields("center", "scale")  # followed by r / scale, e1 ... e5 of n operators
+MEMORY = fields("center", "scale", "power_4", "power_5")  # followed by l / scale, e1 ... e5
+MEMORY_STATE = fields("before")  # previous v; followed by (n,) operators
 ONE_SIDED = fields("threshold", "rising", "falling", "center")
 ONE_SIDED_STATE = fields("h")
 TERMS = ("of Z", "of Z v", "of Z v^2", "of Z^2", "of Z^3")
-WEIGHTS = 5  # a kind's rows of weights
+WEIGHTS = 5  # rows of weights of a kind
 
 
 @Kernel
@@ -91,7 +92,7 @@ def step_one_sided(
 
 
 def _packed(lengths: str, *head: str) -> Callable[[Values, float], Floats]:
-    """A pack function: scalars, then the operators' lengths in the scale, then their weights."""
+    """Return a pack function: scalars, then the operators' scaled lengths, then their weights."""
 
     def pack(values: Values, dt: float) -> Floats:
         r = values[lengths]
@@ -186,24 +187,25 @@ KINDS = (
 
 @dataclass(frozen=True)
 class DriveScale:
-    """Drive that counts as 0, drive that counts as 1 from there, and their unit."""
+    """The drive that counts as 0, the change of drive that counts as 1, and their unit."""
 
     center: float
     scale: float
     unit: str
 
     def params(self) -> dict[str, float | tuple[float, ...]]:
-        """The keys of a block."""
+        """Return the keys of a block."""
         return {f"scale_{self.unit}": self.scale, f"center_{self.unit}": self.center}
 
 
 def curved_plays(thresholds: Floats, weights: Floats, scale: DriveScale) -> Block:
-    """Block of plays (n,) with weights (5, n) of H ... H^5."""
+    """Return the block of plays (n,) with weights (5, n) of H ... H^5."""
     return Block("shape", "stage", _listed("thresholds", thresholds, weights, scale))
 
 
 def bent_loops(lengths: Floats, weights: Floats, powers: Floats, scale: DriveScale) -> Block:
-    """Block of Dahl operators (n,) with weights (5, n), see TERMS, and powers (2,) of v^4, v^5."""
+    """Return the block of Dahl operators (n,) with weights (5, n), see TERMS, and powers (2,) of
+    v^4 and v^5."""
     params = _listed("lengths", lengths, weights, scale)
     params |= {"power_4": float(powers[0]), "power_5": float(powers[1])}
     return Block("memory", "stage", params)
@@ -268,7 +270,7 @@ class Asymmetry(Candidate):
 
 
 def _variants(s: Scales) -> list[Block]:
-    """Loops that bend over on one side: the square of a Dahl operator."""
+    """Return loops that bend over on one side: the square of a Dahl operator."""
     half, weights = 0.5 * s.span, np.zeros((WEIGHTS, 2))
     weights[TERMS.index("of Z^2")] = 0.005 * s.stroke
     scale = DriveScale(s.drive_min + half, half, s.drive_unit)
@@ -279,7 +281,7 @@ def _variants(s: Scales) -> list[Block]:
 
 
 def _curved(s: Scales) -> list[Block]:
-    """Plays whose envelopes bend over towards the upper end."""
+    """Return plays whose envelopes bend over towards the upper end."""
     half, weights = 0.5 * s.span, np.zeros((WEIGHTS, 2))
     weights[1], weights[2] = 0.01 * s.stroke, -0.005 * s.stroke
     scale = DriveScale(s.drive_min, half, s.drive_unit)

@@ -46,12 +46,12 @@ KIND = Kind(
 )
 
 
-SURE = 0.05  # of the rate: how a flank ends lies between two samples
-ABRUPT = 0.3  # of a flank's largest rate, that was not reached two samples before
+SURE = 0.05  # relative uncertainty of the rate: a flank ends between two samples
+ABRUPT = 0.3  # a step's rate two samples before its highest rate is below this part of it
 BEGINS = 1.0
-"""A step begins somewhere between two samples, and in the model at the first: the flank is longer
-by half a sample on average, which makes the rate less by 0.75 samples over the flank's length
-(least squares of a line that begins early), and by up to twice that
+"""A step begins between two samples, but in the model at the first of them. The flank is thus half
+a sample too long on average, which lowers the rate by 0.75 samples over the flank's length (least
+squares fit of a line that begins early), and by up to twice that
 (tests/benchmarks/models/proof: the rate was found 1.4 to 12 % too low)."""
 
 
@@ -82,7 +82,7 @@ class Slew(Candidate):
         self._flanks = _flanks(data)
 
     def params_at(self, theta: Sequence[float]) -> tuple[Parameter, ...]:
-        """With what the unknown beginning of steps does to a rate."""
+        """Return the rate with an uncertainty that includes the unknown start of steps."""
         sizes, rates, abrupt = self._flanks
         late = rates > theta[0]
         whole = float(np.sum(sizes[late] ** 3))
@@ -123,7 +123,8 @@ class Slew(Candidate):
 
 
 def _flanks(data: Data) -> tuple[Floats, Floats, Bools]:
-    """Ways between two turns of the drive: size, largest rate, whether they begin with a step."""
+    """Return the flanks between turns of the drive: size, highest rate, whether each begins with a
+    step."""
     du = np.diff(data.u)
     du[data.starts[1:]] = 0.0
     way = np.sign(du)

@@ -1,6 +1,7 @@
 """Drift without a channel: y = x + rate t + amount (1 - exp(-t / tau)), t since the first sample.
 
-A warm-up that nobody measured. It describes one recording and predicts nothing: forward only.
+This is a warm-up without a recorded temperature. It describes one recording and predicts nothing
+for another, and is therefore forward only.
 """
 
 import math
@@ -25,7 +26,7 @@ from dehyst.models.physics.kind import Kind, Never, Param
 from dehyst.models.signals.joined import Data, Floats
 
 PACKED = fields("rate", "amount", "tau")
-STATE = fields("elapsed")  # since the first sample
+STATE = fields("elapsed")  # time since the first sample
 
 
 @Kernel
@@ -55,8 +56,8 @@ KIND = Kind(
 
 
 class Trend(Candidate):
-    """y + a (1 - exp(-t / tau)) in each recording, its own a and tau: a warm-up that nobody
-    measured, from another past in each."""
+    """y + a (1 - exp(-t / tau)), with a separate a and tau for each recording, since each has a
+    different past: a warm-up without a recorded temperature."""
 
     name = "drift"
     key = "drift-trend"
@@ -83,7 +84,7 @@ class Trend(Candidate):
         return [(f * self._longest,) * len(self.parameters) for f in (0.15, 0.5, 3.0)]
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
-        # their amplitudes are the rises that are seen: what a slow one would come to is not
+        # amplitudes are the rises within the recording; the final value of a slow one is not seen
         return _settling(data, theta) / (1.0 - np.exp(-self._lengths / np.array(theta)))
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
@@ -93,7 +94,7 @@ class Trend(Candidate):
         }
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        # a model has one past: that of the recording with most of it
+        # a model has one past: that of the recording with the largest amplitude
         tau = theta[int(np.argmax(np.abs(amplitudes)))]
         one = _settling(data, (tau,) * len(theta))
         added = self.columns(data, Context(data.u, data.y), theta) @ amplitudes
@@ -119,7 +120,7 @@ class Trend(Candidate):
 
 
 def _settling(data: Data, theta: Sequence[float]) -> Floats:
-    """(N, k) 1 - exp(-t / tau) in each of k recordings, 0 in the others."""
+    """Return (N, k) columns, 1 - exp(-t / tau) in each of k recordings, 0 in the others."""
     return apart(data, 1.0 - np.exp(-data.t / np.array(theta)[data.rec]))
 
 
