@@ -1,8 +1,8 @@
-"""Operators and filters over joined recordings, compiled; and how linear elements go on by one
-sample, which the blocks of models.physics use as well.
+"""Compiled operators and filters over joined recordings, and one-sample updates of linear elements,
+which the blocks of models.physics use as well.
 
-All arrays of N are joined recordings; `starts` (N,) marks the first sample of each recording,
-where every state begins anew. Filters act on columns: x (N, k), each column for itself.
+Arrays of length N are joined recordings; `starts` (N,) marks the first sample of each recording,
+where every state restarts. Filters act on each column of x (N, k) separately.
 """
 
 import math
@@ -18,15 +18,15 @@ Decay = tuple[float, float, float, float]
 
 @njit(cache=True, nogil=True)
 def lag_step(y: float, before: float, x: float, trail: float, decay: float) -> float:
-    """Output of tau dy/dt + y = x after a sample in which the input ran straight from `before` to
-    x, from the output y. trail: tau times the input's slope; decay: exp(-dt / tau)."""
+    """Return the next output of tau dy/dt + y = x for an input that is linear from `before` to x;
+    y: the present output; trail: tau times the input's slope; decay: exp(-dt / tau)."""
     return x - trail + decay * (y - before + trail)
 
 
 @njit(cache=True, nogil=True)
 def free_decay(w: float, z: float, dt: float) -> Decay:
-    """The free motion of a mode or second-order lag (w: its undamped frequency [rad/s], z: damping)
-    over dt, as a matrix of displacement and speed, row by row."""
+    """Return the transition matrix, row by row, of displacement and speed of a free mode or
+    second-order lag over dt (w: undamped frequency [rad/s], z: damping)."""
     if abs(z - 1.0) < 1e-7:
         fall = math.exp(-w * dt)
         cosine, sine = fall, fall * dt
@@ -45,9 +45,9 @@ def free_decay(w: float, z: float, dt: float) -> Decay:
 def swing(
     q: float, speed: float, before: float, x: float, ramp: float, shift: float, decay: Decay
 ) -> tuple[float, float]:
-    """Displacement and speed of q'' + 2 z w q' + w^2 q = w^2 x after a sample in which the input
-    ran straight from `before` to x. ramp: the input's slope; shift: 2 z / w times it, how far q
-    trails; decay: see `free_decay`."""
+    """Return the next displacement and speed of q'' + 2 z w q' + w^2 q = w^2 x for an input that is
+    linear from `before` to x. ramp: the input's slope; shift: 2 z / w times ramp, the lag of q;
+    decay: see `free_decay`."""
     m11, m12, m21, m22 = decay
     e, de = q - before + shift, speed - ramp
     return x - shift + m11 * e + m12 * de, ramp + m21 * e + m22 * de
@@ -55,8 +55,8 @@ def swing(
 
 @njit(cache=True, nogil=True)
 def plays(r: Floats, u: Floats, starts: Bools | Ints) -> Floats:
-    """Play operators (N, n). See models.hysteresis.play. starts: where they begin anew,
-    de-energised (0), or with the past that a mark says (`signals.pasts`)."""
+    """Return play operators (N, n), see models.hysteresis.play. starts: where they restart,
+    de-energised, or with the past that the mark selects (`signals.pasts`)."""
     out = np.empty((u.size, r.size))
     h = np.zeros(r.size)
     low, high = u.min(), u.max()
@@ -71,10 +71,10 @@ def plays(r: Floats, u: Floats, starts: Bools | Ints) -> Floats:
 
 @njit(cache=True, nogil=True)
 def dahl(length: Floats, u: Floats, starts: Bools | Ints) -> Floats:
-    """Dahl operators (N, n): dz/du = (sign(du) - z) / length, exact over one sample.
+    """Return Dahl operators (N, n): dz/du = (sign(du) - z) / length, exact over one sample.
 
-    P. Dahl, "Solid friction damping of mechanical vibrations", 1976, exponent 1. A
-    rate-independent memory that plays do not span (loops of Duhem and Bouc-Wen kind).
+    P. Dahl, "Solid friction damping of mechanical vibrations", 1976, exponent 1. They are a
+    rate-independent memory that plays cannot represent (loops of the Duhem and Bouc-Wen type).
     """
     out = np.empty((u.size, length.size))
     z = np.zeros(length.size)
@@ -95,8 +95,8 @@ def dahl(length: Floats, u: Floats, starts: Bools | Ints) -> Floats:
 
 @njit(cache=True, nogil=True)
 def lowpass(x: Floats, ratio: Floats, starts: Bools, stepped: bool = False) -> Floats:
-    """First-order low-pass of each column, exact for an input linear over each step, or
-    (stepped) for one that has been what it is since the sample before.
+    """Return the first-order low-pass of each column, exact for an input that is linear over each
+    step, or (stepped) that has had its present value since the previous sample.
 
     ratio: (N,) dt / tau for each sample. Starts settled at the first sample.
     """
@@ -118,11 +118,11 @@ def lowpass(x: Floats, ratio: Floats, starts: Bools, stepped: bool = False) -> F
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def relaxed(x: Floats, taus: Floats, dt: Floats, starts: Bools, gain: float, mean: float) -> Floats:
-    """x + gain (sum of its low-passes with all time constants taus (K,) [s] - mean x), each column.
+    """Return x + gain (sum of low-passes of x, time constants taus (K,) [s], - mean x), per column.
 
-    Exact for an input linear over each step. dt: (N,) sampling period of each sample [s]. Settled
-    at the first sample: the stage is taken to have rested before. Kept is how far each low-pass is
-    behind its input: a sample costs one multiplication and one addition for each.
+    Exact for an input that is linear over each step. dt: (N,) sampling period of each sample [s].
+    Starts settled at the first sample: the stage is assumed to have been at rest before. The state
+    is the lag of each low-pass, so that a sample costs few operations per time constant.
     """
     out = np.empty_like(x)
     n, m = taus.size, x.shape[1]
@@ -162,10 +162,10 @@ def relaxed(x: Floats, taus: Floats, dt: Floats, starts: Bools, gain: float, mea
 def second_order(
     x: Floats, omega: Floats, damping: float, starts: Bools, stepped: bool = False
 ) -> Floats:
-    """w^2 / (s^2 + 2 z w s + w^2) of each column, exact for an input linear over each step, or
-    (stepped) for one that has been what it is since the sample before.
+    """Return w^2 / (s^2 + 2 z w s + w^2) of each column, exact for an input that is linear over
+    each step, or (stepped) that has had its present value since the previous sample.
 
-    omega: (N,) w * dt for each sample (constant inside a recording). Starts settled.
+    omega: (N,) w * dt for each sample (constant within a recording). Starts settled.
     """
     out = np.empty_like(x)
     _second_order(x, omega, damping, starts, stepped, out, np.empty((0, 0)))
@@ -174,7 +174,7 @@ def second_order(
 
 @njit(cache=True, nogil=True)
 def mode(x: Floats, omega: Floats, damping: float, starts: Bools) -> Floats:
-    """(N, 2): the same of one input x (N,), and its rate over w."""
+    """Return (N, 2): `second_order` of one input x (N,), and its rate divided by w."""
     out, rate = np.empty((x.size, 1)), np.empty((x.size, 1))
     _second_order(x.reshape(-1, 1), omega, damping, starts, False, out, rate)
     return np.concatenate((out, rate), axis=1)
@@ -191,7 +191,7 @@ def _second_order(
     rates: Floats,
 ) -> None:
     m = x.shape[1]
-    q, speed = np.empty(m), np.empty(m)  # displacement, and its change in a sample
+    q, speed = np.empty(m), np.empty(m)  # displacement, and its change per sample
     decay, last = (1.0, 0.0, 0.0, 1.0), -1.0
     for t in range(x.shape[0]):
         w = omega[t]
@@ -212,7 +212,7 @@ def _second_order(
 
 @njit(cache=True, nogil=True)
 def slew(u: Floats, step: Floats, starts: Bools) -> Floats:
-    """u followed with at most step[t] per sample."""
+    """Return u (N,) followed with changes of at most step[t] per sample."""
     out = np.empty_like(u)
     for t in range(u.size):
         if starts[t]:
@@ -224,10 +224,10 @@ def slew(u: Floats, step: Floats, starts: Bools) -> Floats:
 
 @njit(cache=True, nogil=True)
 def delayed(x: Floats, shift: Floats, starts: Bools) -> Floats:
-    """x (N,) later by shift[t] >= 0 samples; before a recording's start its first value stands.
+    """Return x (N,) delayed by shift[t] >= 0 samples; before a recording's start, its first value.
 
-    Between samples the cubic through the four nearest, at the newest end the parabola through
-    the last three, as the delay's block does in real time.
+    Between samples it is interpolated by the cubic through the four nearest, at the newest end by
+    the parabola through the last three, like the block of a delay in real time.
     """
     out = np.empty_like(x)
     first = 0

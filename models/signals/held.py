@@ -1,8 +1,8 @@
-"""Holds under feedback: the reading rests, and the drive climbs to keep it there.
+"""Measure creep in holds under feedback: the reading is constant, and the drive compensates.
 
-There the drive is the effect and the displacement the cause, so no fit of the displacement to
-the drive can show it. But a controller that holds the reading writes what the stage would do into
-its drive: against the last move, in proportion to the logarithm of time.
+Here the drive is the effect and the displacement the cause, so that no fit of the displacement to
+the drive can show creep. But the drive of a controller that holds the reading shows what the stage
+would do: it moves against the last move, in proportion to the logarithm of time.
 """
 
 from dataclasses import dataclass
@@ -11,21 +11,21 @@ import numpy as np
 
 from dehyst.models.signals.joined import Data, Floats
 
-STILL = 5e-4  # of the reading's range, and
-STILL_NOISE = 4.0  # noise rms: what the reading may move in a hold
-LEAST_S = 1.0  # a hold's least length, and
-LEAST_SAMPLES = 200
-STRAIGHT = 0.98  # part of the drive's variance in the hold that the logarithm must explain
-AGAINST_LINE = 0.5  # of a straight line's misfit, that the logarithm may leave at most
-GAINS = (0.002, 0.06)  # per decade, that a ceramic shows
-BLOCKS = 400
-EARLY = 0.03  # of the hold, that the settling of the loop may take
+STILL = 5e-4  # motion of the reading allowed in a hold, of its range; or, if that is more,
+STILL_NOISE = 4.0  # in noise rms
+LEAST_S = 1.0  # least length of a hold [s], and
+LEAST_SAMPLES = 200  # in samples
+STRAIGHT = 0.98  # least fraction of the drive's variance in the hold that the logarithm explains
+AGAINST_LINE = 0.5  # largest misfit of the logarithm, relative to that of a straight line
+GAINS = (0.002, 0.06)  # range of the creep of a ceramic, per decade
+BLOCKS = 400  # number of blocks to which the reading is averaged
+EARLY = 0.03  # first part of the hold, left out because the control loop settles
 
 
 @dataclass(frozen=True)
 class Hold:
-    """gain: per decade of time, of the move before, from low to high by the parts of the hold;
-    start, end: of the hold [s]."""
+    """gain: creep per decade of time relative to the move before; low, high: its interval, from the
+    two halves of the hold; start_s, end_s: of the hold [s]."""
 
     gain: float
     low: float
@@ -35,12 +35,12 @@ class Hold:
 
     @property
     def seconds(self) -> float:
-        """How long the hold is."""
+        """Length of the hold [s]."""
         return self.end_s - self.start_s
 
 
 def longest_hold(data: Data, sigma: float) -> Hold | None:
-    """The longest hold in which a controller works against what creeps on, or None."""
+    """Return the longest hold in which a controller compensates creep, or None."""
     found = []
     for p in np.unique(data.part):
         here = np.flatnonzero(data.part == p)
@@ -54,7 +54,8 @@ def longest_hold(data: Data, sigma: float) -> Hold | None:
 
 
 def _holds(t: Floats, y: Floats, limit: float) -> list[tuple[int, int]]:
-    """First and last index of stretches in which block means of the reading do not move."""
+    """Return (first, last) indices of stretches in which block means of the reading stay within
+    `limit`; last is exclusive."""
     each = max(1, y.size // BLOCKS)
     count = y.size // each
     mean = y[: count * each].reshape(count, each).mean(axis=1)
@@ -70,8 +71,8 @@ def _holds(t: Floats, y: Floats, limit: float) -> list[tuple[int, int]]:
 
 
 def _move_before(u: Floats, at: int) -> float:
-    """Signed move of the drive to its value at an index, from the farthest value before on the
-    way without a turn of more than a twentieth of the range."""
+    """Return the signed move of the drive to its value at an index, from the farthest earlier value
+    without a turn of more than a twentieth of the range in between."""
     margin = 0.05 * float(np.ptp(u))
     best = 0.0
     for v in (u[at] - u[:at][::-1]).tolist():
@@ -83,8 +84,8 @@ def _move_before(u: Floats, at: int) -> float:
 
 
 def _gains(t: Floats, u: Floats, move: float) -> tuple[float, float, float] | None:
-    """Creep gain from the drive (N,) in a hold behind a move, with its interval from the early
-    and the late half in the logarithm; None where it does not fit."""
+    """Return the creep gain from the drive (N,) in a hold after a move, and its interval from the
+    early and the late half on the logarithmic scale; None if the logarithm does not fit."""
     elapsed = t - t[0]
     late = elapsed > EARLY * elapsed[-1]
     x, v = np.log10(elapsed[late]), u[late]
@@ -104,7 +105,7 @@ def _gains(t: Floats, u: Floats, move: float) -> tuple[float, float, float] | No
 
 
 def _fit(x: Floats, u: Floats) -> tuple[float, float]:
-    """Slope and sum of squares of the misfit of a straight line."""
+    """Return the slope of the least-squares line and the sum of squares of its misfit."""
     a = x - x.mean()
     d = u - u.mean()
     slope = float(a @ d) / max(float(a @ a), 1e-300)

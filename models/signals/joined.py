@@ -1,8 +1,8 @@
-"""Recordings of one stage, joined: one array for each quantity, of all of them.
+"""Recordings of one stage, joined: one array per quantity for all recordings.
 
-`starts` marks where a recording (or the part behind a long gap) begins: there every filter begins
-anew. `forgets` marks where the memory of the drive's path does, and how (`signals.pasts`): behind a
-gap it goes on.
+`starts` marks where a recording, or the part after a long gap, begins; every filter restarts there.
+`forgets` marks where and how the memory of the drive's path restarts (`signals.pasts`); after a gap
+it continues.
 """
 
 from dataclasses import dataclass, field, fields, replace
@@ -25,25 +25,25 @@ class Data:
     u: Floats
     y: Floats
     rec: Ints  # index into names
-    part: Ints  # contiguous stretch: a recording, or what lies between two gaps
+    part: Ints  # contiguous stretch: a recording, or the part between two gaps
     starts: Bools
-    forgets: Ints  # 0: the memory goes on; else how it begins, see signals.pasts
-    rows: Bools  # counted in the fits
-    heads: Bools  # left out of them, as what the stage did before is not known
+    forgets: Ints  # 0: the memory continues; else how it restarts, see signals.pasts
+    rows: Bools  # included in the fits
+    heads: Bools  # excluded from the fits, since the stage's earlier history is unknown
     block: Ints  # time block, unique over the recordings
     fold: Ints  # cross-validation group
     channels: dict[str, Floats] = field(default_factory=dict)
     drive_unit: str = "v"
     unit: str = "um"
-    early: float = 0.0  # samples by which the drive stands earlier than recorded
-    stepped: bool = False  # lags and modes are fed by steps, not by straight lines between samples
-    led: bool = False  # lags and modes are fed by straight lines, half a sample earlier
+    early: float = 0.0  # samples by which the drive is shifted to earlier times than recorded
+    stepped: bool = False  # input of lags and modes: zero-order hold instead of linear
+    led: bool = False  # input of lags and modes: linear, half a sample earlier
     missing: int = 0  # samples of the grid without a reading
-    repeats: int = 0  # samples that repeat the reading before, of a gauge polled too fast
-    stalls: int = 0  # times the recorder stood still
+    repeats: int = 0  # samples that repeat the previous reading of a gauge polled too fast
+    stalls: int = 0  # number of times the recorder stalled
     raw_index: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # -1: no row
     between: "Data | None" = None  # the drive's path on a finer grid, on which all operators run
-    places: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (N,) samples in it
+    places: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (N,) rows in that
 
     @property
     def n(self) -> int:
@@ -62,17 +62,17 @@ class Data:
 
     @property
     def period(self) -> float:
-        """Shortest sampling period, s."""
+        """Shortest sampling period [s]."""
         return float(self.dt.min())
 
     @property
     def path(self) -> "Data":
-        """What operators run on, (M,) samples of the drive: the samples themselves, or with what
-        the drive does between them."""
+        """The data on which operators run, (M,) samples of the drive: these samples, or a finer
+        grid that includes the drive between them."""
         return self if self.between is None else self.between
 
     def sampled(self, x: Floats) -> Floats:
-        """x (M, ...) of the path at the N samples."""
+        """Return x (M, ...), given on the path, at the N samples."""
         return x if self.between is None else x[self.places]
 
     @property
@@ -82,7 +82,7 @@ class Data:
 
 
 def alone(data: Data, i: int) -> Data:
-    """One of the recordings, by itself; with straight lines between its samples."""
+    """Return recording i on its own, without the finer path between its samples."""
     here = data.rec == i
     own = {
         f.name: getattr(data, f.name)[here]

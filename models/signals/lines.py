@@ -1,12 +1,12 @@
-"""Lines of fixed frequency that stand out of a residual in every recording.
+"""Find lines of fixed frequency that exceed the background of a residual in every recording.
 
-Blind are the bins where the drive or what a hysteresis makes of it has lines: its own frequencies,
-their harmonics and intermodulation products, each as wide as the window's main lobe. A line of the
-surroundings that falls there cannot be distinguished from the loop's shape.
+Bins are excluded where the drive, or a hysteresis driven by it, has lines: the drive's frequencies,
+their harmonics and intermodulation products, each as wide as the window's main lobe. An external
+line in such a bin cannot be distinguished from the loop's shape.
 
-Under feedback a line of the reading stands in the drive too. It is one of the surroundings where
-the residual has it about as strong as the drive would make it, while the drive moves by other
-frequencies: no loop is wrong by as much as it is high.
+Under feedback a line of the reading also appears in the drive. It counts as external if the
+residual has it about as strong as the drive would make it, and the drive moves mainly at other
+frequencies: no error of a loop is as large as the whole displacement.
 """
 
 from dataclasses import dataclass
@@ -19,22 +19,22 @@ from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 from dehyst.models.signals.periodic import fundamental_hz
 
 MAX_LINES = 4
-PADDED = 4  # times the samples, in a transform
-LOBE = 2  # bins to either side, that the main lobe of the window (Hann) reaches
-WIDTHS = np.array([0.03, 0.2])  # of the drive's range: of the plays and memories that make products
-AS_STRONG = 0.5  # of a line's height over its neighbours, that a product's must reach to hide it
-AS_HIGH = 0.7  # of what the drive's line would make, that a residual's must reach to be no product,
-MINOR = 0.05  # where the drive's line is no more than this part of its strongest
-BLIND = 1 / 3  # of the frequencies, that the harmonics of the whole may take
-NEAR = 0.05  # of a mode's frequency, within which a line may stand for it
-MOST_STEPS = 801  # of frequency
-ALIKE = 1e-3  # part of a frequency, by which those of several recordings may differ
+PADDED = 4  # length of a zero-padded transform, relative to the samples
+LOBE = 2  # half width of the main lobe of the Hann window [bins]
+WIDTHS = np.array([0.03, 0.2])  # of the drive range: operators that make the drive's products
+AS_STRONG = 0.5  # a product hides a line from this fraction of the line's relative height on
+AS_HIGH = 0.7  # a line is external from this fraction of what the drive's line would cause on,
+MINOR = 0.05  # if the drive's line is below this fraction of the drive's strongest line
+BLIND = 1 / 3  # largest fraction of the frequencies that harmonics of the drive may exclude
+NEAR = 0.05  # relative distance within which a line may be mistaken for a mode
+MOST_STEPS = 801  # largest number of frequencies in a search grid
+ALIKE = 1e-3  # largest relative difference of the drive's frequency between recordings
 STANDS_OUT = 4.5  # amplitude over the rms of its neighbourhood; by chance once in 1e5 records
 
 
 def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[float]:
-    """Frequencies of lines that stand out in every recording long enough to tell, strongest
-    first."""
+    """Return the frequencies [Hz] of lines that exceed the background in every sufficiently long
+    recording, strongest first."""
     work = residual.astype(float).copy()
     found: list[float] = []
     slope = _slope(data)
@@ -68,7 +68,7 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
             harmonic &= _harmonics(grid, first, longest) & own if first else False
         if not np.isfinite(total).any():
             return found
-        # a line that the drive has in every recording is the drive's doing
+        # a line that the drive has in every recording is caused by the drive
         total[(driven > AS_STRONG * total) & ~fed_back | harmonic] = 0.0
         for known in found:
             total[np.abs(grid - known) < 6 * step] = 0.0
@@ -82,7 +82,8 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
 
 
 def gain_of_line(data: Data, residual: Floats, near_hz: float) -> float:
-    """Fall of the sum of squares by one line near a frequency, of any phase in each recording."""
+    """Return the decrease of the sum of squares by one line near a frequency, with a free phase in
+    each recording."""
     grid = near_hz * np.linspace(1.0 - NEAR, 1.0 + NEAR, MOST_STEPS)
     gain = np.zeros(grid.size)
     for i in range(len(data.names)):
@@ -96,16 +97,16 @@ def gain_of_line(data: Data, residual: Floats, near_hz: float) -> float:
 
 
 def is_of_the_drive(data: Data, residual: Floats, here: Bools, f: float) -> bool:
-    """Whether a hysteresis would make a line at f [Hz] of the drive in a stretch (N,), about as far
-    above its neighbours as the residual's."""
+    """Return whether a hysteresis driven in a stretch `here` (N,) would have a line at f [Hz] about
+    as far above its neighbours as the residual's line."""
     at, spectrum = _spectrum(residual[here], float(data.dt[here][0]))
     own = np.interp(f, at, spectrum / (_local_rms(spectrum) + 1e-300))
     return bool(np.interp(f, at, _drive_of(data, here).products) > AS_STRONG * own)
 
 
 def drive_repeats_hz(data: Data) -> float:
-    """Frequency at which the drive of every recording repeats itself; 0 where one does not, or
-    at another one."""
+    """Return the frequency [Hz] at which the drive of every recording repeats itself; 0 if one does
+    not, or if the frequencies differ."""
     names = range(len(data.names))
     own = np.array([_drive_of(data, _longest_part(data, i)).first_hz for i in names])
     same = own.min() > 0 and np.ptp(own) < ALIKE * own.min()
@@ -113,20 +114,20 @@ def drive_repeats_hz(data: Data) -> float:
 
 
 def _longest_part(data: Data, i: int) -> Bools:
-    """(N,) the longest stretch of a recording without a gap."""
+    """Return the longest stretch without a gap of a recording, as a mask (N,)."""
     parts, sizes = np.unique(data.part[data.rec == i], return_counts=True)
     return np.asarray(data.part == parts[np.argmax(sizes)])
 
 
 def _spectrum(x: Floats, dt: float) -> tuple[Floats, Floats]:
-    """Frequencies [Hz] and amplitudes, through a window of Hann."""
+    """Return frequencies [Hz] and amplitudes, with a Hann window."""
     size = PADDED * x.size
     amplitude = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size), size))
     return np.fft.rfftfreq(size, dt).astype(np.float64), amplitude.astype(np.float64)
 
 
 def _slope(data: Data) -> float:
-    """Displacement for a unit of drive, over all recordings."""
+    """Return the mean displacement per unit of drive over all recordings."""
     u, y = data.u[data.rows], data.y[data.rows]
     u = u - u.mean()
     return abs(float(u @ (y - y.mean()))) / max(float(u @ u), 1e-300)
@@ -134,9 +135,10 @@ def _slope(data: Data) -> float:
 
 @dataclass(frozen=True)
 class _DriveLines:
-    """What the lines of a recording's drive are, whatever was read: its own spectrum, where that
-    has minor lines, height of what a hysteresis makes of it, frequency of the whole (0: none), and
-    whether all its harmonics are blind, or those that a hysteresis makes."""
+    """Lines of a recording's drive, independent of the reading. spectrum: of the drive; minor:
+    where that has minor lines; products: relative height of the lines of a hysteresis; first_hz:
+    the frequency at which the drive repeats (0: none); everywhere: exclude all its harmonics, not
+    only those at which a hysteresis has lines."""
 
     spectrum: Floats
     minor: Bools
@@ -151,9 +153,9 @@ def _drive_of(data: Data, here: Bools) -> _DriveLines:
     return _drive_lines(u.tobytes(), forgets.tobytes(), data.u_min, data.span, dt)
 
 
-@lru_cache(maxsize=16)  # it is asked again for every residual of the same recordings
+@lru_cache(maxsize=16)  # called again for every residual of the same recordings
 def _drive_lines(drive: bytes, forgotten: bytes, low: float, span: float, dt: float) -> _DriveLines:
-    """drive, forgotten: u and forgets (n,) of one stretch."""
+    """Return the lines of the drive of one stretch. drive, forgotten: bytes of u, forgets (n,)."""
     u, forgets = np.frombuffer(drive), np.frombuffer(forgotten, dtype=np.int64)
     spectrum = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size), PADDED * u.size))
     minor = (spectrum < MINOR * spectrum.max()) & (spectrum > 3.0 * _local_rms(spectrum))
@@ -162,25 +164,25 @@ def _drive_lines(drive: bytes, forgotten: bytes, low: float, span: float, dt: fl
 
 
 def _everywhere(spectrum: Floats, first: float, seconds: float) -> bool:
-    """Whether a drive moves at the frequency of the whole too, or repeats so often that lines fall
-    between the harmonics. A sum of sines repeats with a common period at which it does not move:
-    harmonics of that lie close to every line."""
+    """Return whether a drive contains the frequency at which it repeats, or repeats often enough
+    that other lines fall between the harmonics. A sum of sines repeats with a common period at
+    which it has no content; harmonics of that frequency are close to every line."""
     bins = np.abs(np.arange(spectrum.size) - first * PADDED * seconds)
     moves = float(spectrum[bins < PADDED].max(initial=0.0)) > MINOR * float(spectrum.max())
     return moves or BLIND * first * seconds > 2.0 * (LOBE + 0.5)
 
 
 def _as_high(spectrum: Floats, drive: _DriveLines, slope: float) -> Floats:
-    """1 in the bins where a residual's line is about as high as the drive's own would make it, and
-    the drive's is a minor one; 0 elsewhere."""
+    """Return 1 in the bins where a residual's line is about as high as the drive's line would make
+    it and the drive's line is minor, 0 elsewhere."""
     high = spectrum > AS_HIGH * slope * drive.spectrum
     return np.asarray(drive.minor & high, dtype=np.float64)
 
 
 def _products(u: Floats, forgets: Ints, low: float, span: float, dt: float) -> Floats:
-    """Height over their neighbours of the lines that a hysteresis makes of a recording's drive, by
-    frequency; each as wide as the main lobe."""
-    from scipy.ndimage import maximum_filter1d  # takes its time, and the loop does not need it
+    """Return the height over their neighbours of the lines of a hysteresis with a recording's
+    drive, by frequency; each is as wide as the main lobe."""
+    from scipy.ndimage import maximum_filter1d  # a slow import that the loop does not need
 
     x = 2.0 * (u - low) / span - 1.0
     h, z = plays(2.0 * WIDTHS, x + 1.0, forgets) - 1.0, dahl(2.0 * WIDTHS, x, forgets)
@@ -188,21 +190,21 @@ def _products(u: Floats, forgets: Ints, low: float, span: float, dt: float) -> F
     top = np.zeros(0)
     for column in columns:
         _, own = _spectrum(column, dt)
-        # by what the column does without a line: its own leakage, and rounding
+        # relative to the column's background: leakage and rounding
         ratio = own / (_local_rms(own) + 1e-9 * own.max() + 1e-300)
         top = ratio if top.size == 0 else np.maximum(top, ratio)
     return np.asarray(maximum_filter1d(top, 2 * LOBE * PADDED + 1))
 
 
 def _harmonics(grid: Floats, first: float, longest: float) -> Bools:
-    """Where a frequency is a multiple of the drive's own: what the loop's shape leaves there is
+    """Return where a frequency is a multiple of the drive's: errors of the loop's shape are there,
     locked to the drive."""
     order = np.round(grid / first)
     return np.abs(grid - order * first) < min((LOBE + 0.5) / longest, 0.45 * first)
 
 
 def _local_rms(spectrum: Floats, half: int = 160, hole: int = 12) -> Floats:
-    """Rms of the neighbours of each bin without the bin's own peak."""
+    """Return the rms of the neighbours of each bin, excluding the bin's own peak."""
     power = np.concatenate([spectrum[half:0:-1], spectrum, spectrum[-2 : -half - 2 : -1]]) ** 2
     c = np.r_[0.0, np.cumsum(power)]
     i = np.arange(spectrum.size) + half
@@ -222,8 +224,9 @@ def _line(data: Data, x: Floats, f: float) -> Floats:
 
 
 def _refine(data: Data, x: Floats, f0: float, step: float) -> float:
-    """The frequency near f0 that takes most; finely where a recording's stretches lie far apart."""
-    apart = float(np.ptp(data.t)) * 2.0 * step  # length of all in that of a stretch
+    """Return the frequency near f0 whose line has the most power; the grid is finer if a
+    recording's stretches are far apart."""
+    apart = float(np.ptp(data.t)) * 2.0 * step  # total length relative to that of a stretch
     count = int(np.clip(2 * round(15 * apart) + 1, 31, MOST_STEPS))
     grid = f0 + np.linspace(-1.5, 1.5, count) * step
     power = [float(np.sum(_line(data, x, f) ** 2)) for f in grid]

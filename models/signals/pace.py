@@ -1,4 +1,4 @@
-"""How fast a drive goes, in seconds for a part of its range: for sweeps, ramps and holds alike."""
+"""The pace of a drive: seconds for a fraction of its range. Defined for sweeps, ramps and holds."""
 
 from collections import deque
 
@@ -7,18 +7,18 @@ import numpy as np
 from dehyst.models.recording import Floats
 
 WAY = 0.05
-"""Of the drive's range, the way whose time is the pace."""
+"""Travel whose duration is the pace, as a fraction of the drive range."""
 MOST_POINTS = 20_000
-"""Of a recording, at which it is measured."""
+"""Largest number of points of a recording at which the pace is computed."""
 
 
 def measure_pace(t_s: Floats, u: Floats, u_range: float) -> Floats:
-    """(N,) seconds back to the last row that any later row, up to this one, is WAY * u_range away
-    from; to the beginning where there is none. u: (N,), without gaps."""
+    """Return (N,) the duration [s] of the longest stretch up to each row in which the drive stays
+    within a range of WAY * u_range; it is limited by the recording's start. u: (N,), no gaps."""
     each = max(1, u.size // MOST_POINTS)
     t, v = t_s[::each], u[::each]
     out = np.empty(v.size)
-    highest: deque[int] = deque()  # of the rows from `last` on, each lower than those before it
+    highest: deque[int] = deque()  # rows from `last` on, in descending order of v
     lowest: deque[int] = deque()
     last = 0
     for i, x in enumerate(v):

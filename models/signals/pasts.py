@@ -1,8 +1,8 @@
-"""What a stage went through before a recording began, as the memory of its drive's path knows it.
+"""The history of a stage before a recording, as far as the memory of the drive's path retains it.
 
-A memory forgets all of its past but the extremes that nothing has reached since, so three pasts
-stand for what can have been: de-energised; come from the top of the drive's range; come from its
-bottom after the top. A mark in `Data.forgets` says which; 0: the memory goes on.
+A memory retains only the past extremes that no later drive has reached. Three pasts therefore
+represent all possible ones: de-energised; arrived from the top of the drive range; arrived from its
+bottom after the top. A mark in `Data.forgets` selects one; 0: the memory continues.
 """
 
 import math
@@ -16,8 +16,8 @@ GOES_ON, FRESH, FROM_ABOVE, FROM_BELOW = 0, 1, 2, 3
 
 @njit(cache=True, nogil=True)
 def begin_plays(h: Floats, r: Floats, past: int, low: float, high: float) -> None:
-    """Set plays h (n,) with thresholds r (n,) to where a past leaves them; the range is low..high,
-    and a de-energised stage has h = 0."""
+    """Set plays h (n,) with thresholds r (n,) to their state after a past; the drive range is
+    low..high, and a de-energised stage has h = 0."""
     for i in range(r.size):
         h[i] = 0.0
         if past >= FROM_ABOVE:
@@ -28,7 +28,8 @@ def begin_plays(h: Floats, r: Floats, past: int, low: float, high: float) -> Non
 
 @njit(cache=True, nogil=True)
 def begin_dahl(z: Floats, length: Floats, past: int, low: float, high: float, first: float) -> None:
-    """The same for Dahl operators z (n,), moved on to the first drive of the recording."""
+    """Set Dahl operators z (n,) to their state after a past, then move them to the first drive of
+    the recording."""
     for i in range(length.size):
         z[i] = 0.0
         if past == FRESH:

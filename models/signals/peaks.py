@@ -1,4 +1,4 @@
-"""Frequencies at which a residual rings."""
+"""Find the frequencies at which a residual rings."""
 
 import numpy as np
 
@@ -6,7 +6,8 @@ from dehyst.models.signals.joined import Data, Floats
 
 
 def peaks(data: Data, residual: Floats, count: int = 2) -> list[float]:
-    """Frequencies where the residual's smoothed spectrum stands out most, per bin."""
+    """Return the frequencies [Hz] of the highest peaks of the residual's smoothed spectrum,
+    relative to its median, weighted by the length of the stretch."""
     best: list[tuple[float, float]] = []
     for p in np.unique(data.part):
         e = residual[data.part == p]

@@ -1,23 +1,25 @@
-"""Does the drive repeat itself, and at which frequency? How fast is its fastest part?"""
+"""Determine the frequency at which a drive repeats itself, and that of its fastest part."""
 
 import numpy as np
 
 from dehyst.models.signals.joined import Floats, Ints
 
-FASTEST = 1e-3  # of the power of the drive's rate, that lies above its fastest part
+FASTEST = 1e-3  # fraction of the power of the drive's rate above the fastest part
 
-REPEATS = 0.03  # rms of drive minus drive one period before, over the drive's rms
-REACH = 2  # samples to either side
-NEARBY = 0.02  # of a shift: by so much the ends may draw the best match aside
+REPEATS = 0.03  # largest rms of drive minus drive one period before, over the drive's rms
+REACH = 2  # samples to either side that are searched
+NEARBY = 0.02  # largest relative error of the best shift that is due to the ends
 
 
 def period_samples(u: Floats) -> int:
-    """Shift of the best match of a drive (N,) with itself, up to half its length; 0: none."""
+    """Return the shift [samples] at which a drive (N,) best matches itself, up to half its length;
+    0: none."""
     return _best_match(u)[0]
 
 
 def _best_match(u: Floats) -> tuple[int, int]:
-    """(shift of the best match, shift from which on a match is more than slowness); 0: none."""
+    """Return (shift of the best match, smallest shift at which a match is not due to slow motion);
+    0: none."""
     n = u.size
     x = u - u.mean()
     spectrum = np.abs(np.fft.rfft(x, 2 * n)) ** 2
@@ -27,9 +29,10 @@ def _best_match(u: Floats) -> tuple[int, int]:
 
 
 def fundamental_hz(u: Floats, dt: float) -> float:
-    """Frequency of a drive (N,) that repeats itself, sampled every dt [s]; 0 where it does not.
+    """Return the frequency [Hz] of a drive (N,) that repeats itself, sampled every dt [s]; 0 if it
+    does not.
 
-    A match many periods on, divided by their number, gives it to a part of a sample.
+    The shift over many periods, divided by their number, resolves a fraction of a sample.
     """
     lag, low = _best_match(u)
     if lag == 0 or np.ptp(u) == 0:
@@ -39,7 +42,7 @@ def fundamental_hz(u: Floats, dt: float) -> float:
     most = REPEATS * float(np.std(u)) + 0.5 * float(np.sqrt(np.mean(np.diff(u) ** 2)))
     if lag < max(4, low) or _unlike(u, lag) > most:
         return 0.0
-    for parts in range(lag // max(4, 2 * low), 1, -1):  # the best match may be several periods on
+    for parts in range(lag // max(4, 2 * low), 1, -1):  # the best match may be several periods long
         shorter = round(lag / parts)
         if _unlike(u, shorter) < most:
             lag = _best(u, shorter)
@@ -47,15 +50,15 @@ def fundamental_hz(u: Floats, dt: float) -> float:
     period = float(lag)
     count = 2
     while count * period < 0.7 * u.size:
-        # half a sample at half as many periods is one sample here
+        # an error of half a sample becomes one sample for twice the periods
         period = _best(u, round(count * period)) / count
         count *= 2
     return 1.0 / (period * dt)
 
 
 def fastest_hz(u: Floats, part: Ints, dt: float) -> float:
-    """Frequency above which a drive (N,), sampled every dt [s], has hardly any of its rate's power;
-    the highest of its parts (N,)."""
+    """Return the frequency [Hz] above which the rate of a drive (N,), sampled every dt [s], has
+    hardly any power; the highest over its parts (N,)."""
     highest = 0.0
     for p in np.unique(part):
         rate = np.diff(u[part == p])
@@ -73,8 +76,8 @@ def _unlike(u: Floats, lag: int) -> float:
 
 
 def _settled(u: Floats, lag: int) -> int:
-    """The lag nearby at which a drive (N,) is most like itself: of few periods that are finely
-    sampled, the ends draw the best match to one side."""
+    """Return the nearby lag at which a drive (N,) differs least from itself. With few, finely
+    sampled periods, the ends bias the best match."""
     first, reach = lag, NEARBY * lag
     while (nearer := _best(u, lag)) != lag and abs(nearer - first) <= reach:
         lag = nearer

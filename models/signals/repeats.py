@@ -1,22 +1,22 @@
-"""Readings that a recorder took more than once, because the gauge reads more slowly than it was
-polled."""
+"""Find readings that a recorder took repeatedly because it polled the gauge too fast."""
 
 import numpy as np
 
 from dehyst.models.signals.joined import Bools, Floats, Ints
 
 LEAST_READINGS = 50  # fewer show no rule
-USUAL = 0.9  # of the readings, that stand as long as the others, within a row
-DISTINCT = 0.5  # of the readings: with fewer values they are steps of the reading, not noise; and
-# of the repeats, in which the drive may stand
+USUAL = 0.9  # least fraction of readings that last as long as the median, to within one row
+DISTINCT = 0.5  # least fraction of distinct readings: with fewer they are steps, not noise; and
+# largest fraction of the repeats in which the drive is constant
 
 
 def repeated_readings(y: Floats, drive: Floats) -> Bools:
-    """(N,) True where a row repeats the reading of the row before; all False where that is no rule.
+    """Return (N,) True where a row repeats the previous row's reading; all False if that is no
+    rule.
 
-    y, drive: (N,), NaN where missing. A polled gauge repeats each reading about equally often, also
-    while the drive moves, and the next one differs by noise. A reading in coarse steps stays as
-    long as the stage takes to the next step, and comes back to the same values.
+    y, drive: (N,), NaN where missing. A gauge polled too fast repeats each reading about equally
+    often, also while the drive moves, and the next reading differs by noise. A coarsely quantised
+    reading stays until the stage reaches the next step, and returns to the same values.
     """
     out = np.zeros(y.size, dtype=bool)
     rows = np.flatnonzero(np.isfinite(y))
@@ -38,7 +38,7 @@ def repeated_readings(y: Floats, drive: Floats) -> Bools:
 
 
 def _scatter(readings: Floats) -> bool:
-    """Whether readings differ by more than single steps, as a slow ramp in steps does."""
+    """Return whether most readings differ by more than the single steps of a slow ramp."""
     steps = np.abs(np.diff(readings))
     finest = float(np.min(np.diff(np.unique(readings))))
     return float(np.mean(steps > 1.5 * finest)) > DISTINCT

@@ -1,4 +1,4 @@
-"""How a reading goes along the ways of a drive: from one turn of the drive to the next."""
+"""Compare a reading with the segments of a drive, each from one turn of the drive to the next."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -9,22 +9,22 @@ import numpy as np
 from dehyst.models.recording import Floats
 
 LONG_WAY = 0.5
-"""Of the drive's range: a way that counts."""
+"""Least length of a segment that counts, as a fraction of the drive range."""
 BACK = 0.25
-"""Of the reading's range, that it must come back by within one way."""
+"""Least return of the reading within one segment, as a fraction of the reading's range."""
 ENDS = 0.6
-"""Of the way's own range: its ends lie no further apart where it came back."""
+"""Largest distance between the ends of a segment with a return, as a fraction of its range."""
 INSIDE = 0.15
-"""Of the way, that lies to either side of where it turns: friction gives way at once."""
+"""Least distance of the turn from the ends, as a fraction of the segment: friction acts at once."""
 POINTS = 2000
-"""Of a recording, to which it is averaged: noise must not look like a turn."""
+"""Number of points to which a recording is averaged, so that noise does not look like a turn."""
 FEWEST = 8
-"""Points of a way that counts."""
+"""Least number of points of a segment that counts."""
 
 
 def turns_within_ways(u: Floats, y: Floats, u_range: float, y_range: float) -> tuple[int, int]:
-    """(long ways of the drive, those in which the reading turns round and comes back) of one
-    recording (N,) without gaps."""
+    """Return (number of long segments of the drive, number of those in which the reading reverses
+    and returns) for one recording (N,) without gaps."""
     each = max(1, u.size // POINTS)
     u, y = u[::each], y[: u.size // each * each].reshape(-1, each).mean(axis=1)
     u = u[: y.size]
@@ -46,20 +46,21 @@ def turns_within_ways(u: Floats, y: Floats, u_range: float, y_range: float) -> t
 
 
 SMALL_WAY = 0.05
-"""Of the drive's range: a smaller way back is no turn."""
+"""Smallest reversal that counts as a turn, as a fraction of the drive range."""
 ALIKE = 1.3
-"""Longest over shortest duration (and size) of ways that count as one loop repeated."""
+"""Longest over shortest duration (and size) of segments that count as one repeated loop."""
 ENDS_LEFT_OUT = 0.1
-"""Share of a recording's ways, at each end of the order, that may be anything."""
+"""Fraction of a recording's segments, at each end of the sorted order, that is ignored."""
 EDGE = 0.1
-"""Of the time of a way, in which half of it is travelled: a sine needs a third, a triangle half."""
+"""A segment has an edge if half of it is travelled in less than this fraction of its time; a sine
+needs a third, a triangle half."""
 MOST_POINTS = 20_000
-"""Of a recording, on which turns are sought."""
+"""Largest number of points of a recording in which turns are searched."""
 
 
 class Ways(NamedTuple):
-    """The ways of one drive from turn to turn: (W,) durations [s], sizes, and shares of the
-    duration in which the fastest half of the way is travelled."""
+    """The segments of one drive from turn to turn: (W,) durations [s], sizes, and fractions of the
+    duration in which the fastest half of the segment is travelled."""
 
     durations: Floats
     sizes: Floats
@@ -67,8 +68,8 @@ class Ways(NamedTuple):
 
 
 def ways_of(t: Floats, u: Floats, u_range: float) -> Ways:
-    """The ways of a drive u (N,) at times t (N,); what is before the first turn and after the last
-    is left out, and ways back of less than SMALL_WAY are none."""
+    """Return the segments of a drive u (N,) at times t (N,), without those before the first turn
+    and after the last; reversals of less than SMALL_WAY are ignored."""
     each = max(1, u.size // MOST_POINTS)
     t, u = t[::each], u[::each]
     turns = _find_turns(u, SMALL_WAY * u_range)
@@ -78,8 +79,8 @@ def ways_of(t: Floats, u: Floats, u_range: float) -> Ways:
 
 
 def _find_turns(u: Floats, least: float) -> list[int]:
-    """Rows of the extremes between which the drive goes by more than this; the first direction that
-    it takes is no turn."""
+    """Return the rows of the extremes between which the drive moves by more than `least`; the start
+    of the first move is not a turn."""
     turns: list[int] = []
     low = high = 0
     direction = 0
@@ -98,7 +99,7 @@ def _find_turns(u: Floats, least: float) -> list[int]:
 
 
 def _fastest_half(t: Floats, u: Floats) -> float:
-    """Share of the duration in which the fastest half of the travel is done."""
+    """Return the fraction of the duration in which the fastest half of the travel is done."""
     steps, times = np.abs(np.diff(u)), np.diff(t)
     order = np.argsort(-steps / np.maximum(times, 1e-300))
     done = np.cumsum(steps[order])
@@ -107,8 +108,8 @@ def _fastest_half(t: Floats, u: Floats) -> float:
 
 
 def repeats_one_loop(recordings: Sequence[Ways]) -> bool:
-    """Whether the ways of all recordings are alike in duration and size and none has an edge: one
-    loop at one rate, which does not distinguish what depends on the rate from what does not."""
+    """Return whether the segments of all recordings are alike in duration and size, and no
+    recording has edges: one loop at one rate cannot show what depends on the rate."""
     known = [ways for ways in recordings if ways.durations.size >= 2]
     if not known:
         return True
