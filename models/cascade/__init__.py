@@ -1,1 +1,1 @@
-"""The whole model: drive blocks, hysteresis, stage blocks, sensor blocks, forward and undone."""
+"""The whole model, forward and inverse: drive blocks, hysteresis, stage blocks, sensor blocks."""

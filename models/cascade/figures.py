@@ -1,4 +1,4 @@
-"""What a model says of its stage in one line, by which wrong units show at once."""
+"""Summarise a model's stage in one line, which reveals wrong units at once."""
 
 from dataclasses import dataclass, replace
 
@@ -13,9 +13,9 @@ POINTS = 400
 
 @dataclass(frozen=True)
 class Figures:
-    """Over the drive range, driven slowly. stroke: [displacement unit]; gain: stroke per drive;
-    hysteresis: widest distance between the ways up and down, as a part of the stroke; offset:
-    displacement at rest, de-energised."""
+    """Key figures for slow motion over the drive range. stroke: [displacement unit]; gain: stroke
+    per drive; hysteresis: largest distance between the rising and the falling branch, relative to
+    the stroke; offset: displacement at rest, de-energised."""
 
     stroke: float
     gain: float
@@ -27,7 +27,7 @@ class Figures:
     unit: str
 
     def sentence(self) -> str:
-        """The line."""
+        """Return the figures in one line."""
         d, y = spell_unit(self.drive_unit), self.unit
         return (
             f"{self.stroke:.4g} {y} over {self.drive_min:.4g} to {self.drive_max:.4g} {d}, "
@@ -37,7 +37,7 @@ class Figures:
 
 
 def describe(model: Model) -> Figures:
-    """The stage's figures by the model's own forward run over its whole range."""
+    """Compute the figures by running the model's hysteresis over its whole drive range."""
     v = model.validity
     h = replace(model.hysteresis, k=np.zeros(model.hysteresis.n))
     up = np.linspace(v.drive_min, v.drive_max, POINTS)

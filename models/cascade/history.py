@@ -1,8 +1,8 @@
-"""A model run on a recording that may begin anywhere in a stage's life.
+"""Run a model on a recording that may begin at any point of a stage's history.
 
-What the stage went through before the first row is not in the file. Three histories are tried:
-de-energised, come from the top of the model's drive range, and come from its bottom after the top.
-Each is driven slowly before the first row, so that every block with a memory has been through it.
+The history before the first row is not in the file. Three histories are tried: de-energised,
+arrived from the top of the model's drive range, and arrived from its bottom after the top. Each is
+simulated as a slow drive before the first row, so that it applies to every block with a memory.
 """
 
 from collections.abc import Mapping
@@ -18,13 +18,13 @@ from dehyst.models.recording import Recording
 DE_ENERGISED, FROM_ABOVE, FROM_BELOW = "de-energised", "from above", "from below"
 HISTORIES = (DE_ENERGISED, FROM_ABOVE, FROM_BELOW)
 LEG_SAMPLES, LEG_S = 200, 20.0
-"""Of one way over the range: slow, so that nothing but memory is left of it."""
+"""Samples and duration [s] of one move over the range: slow, so that only memory remains of it."""
 BETTER = 0.01
-"""Of the error: what a history must take away before it is believed in place of the ones before."""
+"""A history replaces those tried before it only if it reduces the error by this fraction."""
 
 
 class Replay(NamedTuple):
-    """start: the history that fits; predicted: (N,) the reading by the model behind it."""
+    """start: the history that fits best; predicted: (N,) the model's reading after it."""
 
     start: str
     predicted: Floats
@@ -33,8 +33,8 @@ class Replay(NamedTuple):
 def replay(
     model: Model, t_s: Floats, u: Floats, channels: Mapping[str, Floats], y: Floats
 ) -> Replay:
-    """The model on the drive u (N,) behind the history that fits the reading y (N,) best, its mean
-    left out; NaN in y count for nothing. Raises BadInput as `simulate` does."""
+    """Run the model on the drive u (N,) after the history that best fits the reading y (N,), apart
+    from a constant; NaN in y are ignored. Raises BadInput like `simulate`."""
     best, least = None, np.inf
     for start in HISTORIES:
         predicted = simulate_behind(model, t_s, u, channels, start).reading
@@ -46,9 +46,9 @@ def replay(
 
 
 def replay_recording(model: Model, recording: Recording) -> Replay:
-    """The model on a recording as it is, behind the history that fits its displacement; without one
-    in the model's unit, de-energised. Rows that lack the drive or a channel are passed over and are
-    NaN. Raises BadInput where no row has all that the model reads, or a channel is absent."""
+    """Run the model on a recording after the history that best fits its displacement; without a
+    displacement in the model's unit, de-energised. Rows without the drive or a channel are skipped
+    and are NaN. Raises BadInput if no row has all that the model reads, or a channel is absent."""
     needed = channels_of(model)
     absent = [name for name in needed if name not in recording.channels]
     if absent:
@@ -73,8 +73,8 @@ def replay_recording(model: Model, recording: Recording) -> Replay:
 def simulate_behind(
     model: Model, t_s: Floats, u: Floats, channels: Mapping[str, Floats], start: str
 ) -> Parts:
-    """Every stage of the model for a drive u (N,) behind one of the HISTORIES, which is driven
-    slowly. Raises BadInput as `simulate` does."""
+    """Return all parts of the model for a drive u (N,) after one of the HISTORIES, which is driven
+    slowly. Raises BadInput like `simulate`."""
     legs = _list_legs(model, float(u[0]))[start]
     if not legs:
         return simulate_parts(model, t_s, u, channels)
@@ -92,7 +92,7 @@ def _spread(error: Floats) -> float:
 
 
 def _list_legs(model: Model, first: float) -> dict[str, list[float]]:
-    """Turning points before the first row, by the stage's history."""
+    """Return the turning points before the first row for each history."""
     v = model.validity
     rest = min(max(0.0, v.drive_min), v.drive_max)
     return {

@@ -1,9 +1,9 @@
-"""Which displacements a whole model reaches, and what a set-point of 0 means.
+"""Compute the displacements that a whole model reaches, and the meaning of a set-point of 0.
 
-The reach is that of the stage: hysteresis with every block that moves it, driven by a slow triangle
-over the drive's range. What acts on the sensor alone does not count: targets are places of the
-stage. Where a block makes the reach depend on what is not known here, the reach is a bound under an
-assumption, and `Reach.assumes` says which.
+The reach is that of the stage: the hysteresis and every block that moves the stage, driven by a
+slow triangle over the drive range. Blocks of the sensor do not count, since targets are positions
+of the stage. If a block makes the reach depend on something unknown, the reach holds under an
+assumption that `Reach.assumes` names.
 """
 
 from dataclasses import dataclass
@@ -16,21 +16,22 @@ from dehyst.models.physics import KINDS
 from dehyst.models.physics.kind import Kind, Led, Limited, Never, Shifted
 
 TRIANGLE_S = 20.0
-"""Period of the triangle [s]: slow against every lag and mode, quick against creep of minutes."""
+"""Period of the triangle [s]: slow compared with any lag or mode, fast compared with creep over
+minutes."""
 POINTS = 2001
-"""Of each flank: the range is resolved to a two-thousandth."""
+"""Points per flank: the range is resolved to a two-thousandth."""
 LOOPS = 2
-"""The first one leaves the de-energised start, the last one counts."""
+"""Number of periods: the first leaves the de-energised start, the last one counts."""
 STANDSTILL_S = 1e9
-"""Sampling period with which the hysteresis sees no rate [s]."""
+"""Sampling period [s] long enough that the rate in the hysteresis is negligible."""
 REMANENCE = 0.2
-"""Of the range: how far the loop may stay off the zero of the de-energised stage."""
+"""Largest distance of the loop from the zero of the de-energised stage, of the range."""
 
 
 @dataclass(frozen=True)
 class Reach:
-    """low, high: displacements of the stage [model unit]; assumes: under which conditions, in
-    words, empty where it holds as it is."""
+    """low, high: displacements of the stage [model unit]; assumes: the conditions under which they
+    hold, in words; empty if unconditional."""
 
     low: float
     high: float
@@ -38,7 +39,7 @@ class Reach:
 
 
 def displacement_reach(model: Model, drive_min: float, drive_max: float) -> Reach:
-    """The reach of the whole cascade between two drives [drive unit]."""
+    """Return the reach of the whole cascade between two drives [drive unit]."""
     way = np.linspace(drive_min, drive_max, POINTS)
     drive = np.tile(np.concatenate([way, way[::-1]]), LOOPS)
     drive = np.clip(drive, *_clipped_range(model))
@@ -59,13 +60,14 @@ def displacement_reach(model: Model, drive_min: float, drive_max: float) -> Reac
 
 
 def displacement_range(model: Model, drive_min: float, drive_max: float) -> tuple[float, float]:
-    """The same as (low, high)."""
+    """Return the reach as (low, high)."""
     reach = displacement_reach(model, drive_min, drive_max)
     return reach.low, reach.high
 
 
 def set_point_origin(choice: str | float, low: float, high: float) -> float:
-    """Model displacement at set-point 0 (see SetpointConfig.origin); low, high: the reach."""
+    """Return the model's displacement at set-point 0 (see SetpointConfig.origin); low, high: the
+    reach."""
     if not isinstance(choice, str):
         return float(choice)
     margin = REMANENCE * (high - low)
@@ -76,15 +78,15 @@ def set_point_origin(choice: str | float, low: float, high: float) -> float:
 
 
 def _acts_at_rest(block: Block) -> bool:
-    """Whether a block changes where the stage goes when it goes slowly. Lags, modes and delays have
-    a static gain of 1; what follows another channel adds nothing at that channel's reference."""
+    """Return whether a block changes the displacement in slow motion. Lags, modes and delays have a
+    static gain of 1; a block that reads a channel adds nothing at the channel's reference."""
     kind = KINDS[block.kind]
     passing = isinstance(kind.inverse, Led | Shifted | Never)
     return block.place == "stage" and not passing and not kind.channel
 
 
 def _clipped_range(model: Model) -> tuple[float, float]:
-    """What the blocks before the hysteresis let through."""
+    """Return the drive range that the blocks before the hysteresis allow."""
     low, high = -np.inf, np.inf
     for block in model.blocks:
         kind = KINDS[block.kind]
@@ -101,7 +103,7 @@ def _run(model: Model, block: Block, x: Floats, t_s: Floats) -> Floats:
 
 
 def _assumption(block: Block, kind: Kind) -> str:
-    """What the reach takes for granted of a block; "" where nothing."""
+    """Return what the reach assumes of a block; "" for nothing."""
     if kind.channel:
         return f"{block.channel or 'the channel'} at its reference ({kind.says})"
     if isinstance(kind.inverse, Never):

@@ -1,4 +1,4 @@
-"""The whole model forward: drive blocks, hysteresis, stage blocks, sensor blocks."""
+"""Simulate the whole model: drive blocks, hysteresis, stage blocks, sensor blocks."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -13,8 +13,8 @@ from dehyst.models.physics import KINDS
 
 
 class Parts(NamedTuple):
-    """drive: (N,) as it reaches the hysteresis; hysteresis: (N,) its displacement (with what
-    blocks beside it add); stage: (N,) where the stage is; reading: (N,) what the sensor says."""
+    """drive: (N,) at the hysteresis; hysteresis: (N,) its displacement, including blocks parallel
+    to it; stage: (N,) displacement of the stage; reading: (N,) reading of the sensor."""
 
     drive: Floats
     hysteresis: Floats
@@ -34,7 +34,7 @@ def _forward_times(
 
 
 def channels_of(model: Model) -> tuple[str, ...]:
-    """Names of the further channels that the model reads, each once, in order."""
+    """Return the names of the further channels that the model reads, each once, in order."""
     return tuple(dict.fromkeys(b.channel for b in model.blocks if b.channel))
 
 
@@ -63,7 +63,7 @@ def simulate_parts(
     channels: Mapping[str, Floats] | None = None,
     h0: Floats | None = None,
 ) -> Parts:
-    """Every stage of the model for a drive u (N,).
+    """Return all parts of the model for a drive u (N,).
 
     t_s: (N,) strictly increasing times, or one sampling period [s]; channels: (N,) each, by name;
     h0: (n,) plays before the first sample, None: de-energised. Linear blocks start settled at
@@ -104,5 +104,5 @@ def simulate(
     channels: Mapping[str, Floats] | None = None,
     h0: Floats | None = None,
 ) -> Floats:
-    """The sensor's reading (N,) for a drive u (N,); arguments as for `simulate_parts`."""
+    """Return the sensor's reading (N,) for a drive u (N,); arguments as for `simulate_parts`."""
     return simulate_parts(model, t_s, u, channels, h0).reading

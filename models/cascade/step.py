@@ -1,8 +1,8 @@
-"""The cascade one sample at a time: forward along the applied drive, and targets undone.
+"""The cascade one sample at a time: forward along the applied drive, and inverse for targets.
 
-A model's blocks are packed once into a `Chain`: one record for each block, that says where its
-parameters and its state lie and at which address its kernels are. A block whose channel is NaN (not
-measured) is passed over.
+A model's blocks are packed once into a `Chain`: one record per block with the positions of its
+parameters and its state and the addresses of its kernels. A block whose channel is NaN (not
+measured) is skipped.
 """
 
 import math
@@ -29,23 +29,23 @@ BLOCK = np.dtype(
         ("place", "i8"),
         ("step", "i8"),  # address of the forward kernel
         ("solve", "i8"),  # address of the inverse kernel; 0: none
-        ("memory", "i8"),  # whether the inverse begins with the state of the present
-        ("own", "i8"),  # length of the state that the inverse has of its own, behind the block's
+        ("memory", "i8"),  # whether the inverse starts from the present state
+        ("own", "i8"),  # length of the inverse's separate state, which follows the block's
         ("p_from", "i8"),
         ("n_p", "i8"),
         ("s_from", "i8"),
         ("n_s", "i8"),
         ("channel", "i8"),  # -1: none
-        ("first_s", "f8"),  # by which the targets lead: of the first derivative,
+        ("first_s", "f8"),  # lead of the targets: factor of the first derivative,
         ("second_s2", "f8"),  # and of the second
     ]
 )
 
 
 class Chain(NamedTuple):
-    """A model's blocks as kernels take them, in this process: addresses hold in no other one.
+    """A model's blocks in the form that kernels take. Its addresses are valid only in this process.
 
-    blocks: (k,) of BLOCK; params: all their parameters, side by side.
+    blocks: (k,) of BLOCK; params: all their parameters, concatenated.
     """
 
     blocks: NDArray[np.void]
@@ -53,7 +53,7 @@ class Chain(NamedTuple):
 
 
 class Cascade(NamedTuple):
-    """A whole model as kernels take it; channels: (c,) what the further channels read now."""
+    """A whole model in the form that kernels take; channels: (c,) present values."""
 
     chain: Chain
     hysteresis: Operators
@@ -62,7 +62,7 @@ class Cascade(NamedTuple):
 
 @dataclass(frozen=True)
 class Packed:
-    """A model's blocks for the kernels, and what the inverse must know of them."""
+    """A model's blocks for the kernels, and their properties that the inverse needs."""
 
     chain: Chain
     kinds: tuple[Kind, ...]  # of each block
@@ -70,12 +70,12 @@ class Packed:
     channels: tuple[str, ...]
     delay_s: float  # of drive and stage together
     beside: bool  # whether blocks add to the hysteresis
-    on_stage: bool  # whether blocks stand behind it, on the stage
-    dynamic: tuple[str, ...]  # kinds before the sensor whose inverse wants targets ahead
-    limits: tuple[float, float, float]  # lowest, highest drive, largest rate that blocks leave
+    on_stage: bool  # whether blocks act after the hysteresis, on the stage
+    dynamic: tuple[str, ...]  # kinds before the sensor whose inverse needs future targets
+    limits: tuple[float, float, float]  # lowest drive, highest drive, highest rate of the blocks
 
     def settle(self, drive: float, displacement: float) -> Floats:
-        """States of blocks that have long seen this drive and displacement."""
+        """Return the states of blocks settled at this drive and displacement."""
         states = np.zeros(self.state_size)
         for row, kind in zip(self.chain.blocks, self.kinds, strict=True):
             p = self.chain.params[row["p_from"] :][: row["n_p"]]
@@ -86,9 +86,9 @@ class Packed:
 
 
 def with_delays_behind(model: Model) -> Model:
-    """The same with the delays of its drive behind the hysteresis. What a drive causes is late by
-    them wherever they stand; a memory that follows the drive as it goes out is the one from which
-    the next drive is found."""
+    """Return the model with the delays of its drive moved after the hysteresis. The effect of the
+    drive is equally late in either place, but the hysteresis then follows the drive without delay,
+    as needed to compute the next drive from its state."""
     moved: list[Block] = []
     rest: list[Block] = []
     for block in model.blocks:
@@ -98,8 +98,8 @@ def with_delays_behind(model: Model) -> Model:
 
 
 def pack(model: Model, period_s: float, spacing_s: float = 0.0) -> Packed:
-    """The model's blocks as arrays for a loop of this period. spacing_s: of targets that are undone
-    besides, where that is more."""
+    """Return the model's blocks as arrays for a loop with this period [s]. spacing_s: spacing [s]
+    of targets that are also inverted, if longer."""
     names = channels_of(model)
     kinds = tuple(KINDS[block.kind] for block in model.blocks)
     blocks, params = np.zeros(len(kinds), BLOCK), [np.zeros(0)]
@@ -146,7 +146,7 @@ def pack(model: Model, period_s: float, spacing_s: float = 0.0) -> Packed:
 def _through(
     kernel: int, b: Any, params: Floats, states: Floats, x: float, t: float, dt: float, ch: float
 ) -> float:
-    """One sample through one of a block's kernels; its state is advanced."""
+    """Pass one sample through one of a block's kernels and advance its state."""
     p_at, s_at = params.ctypes.data + 8 * b.p_from, states.ctypes.data + 8 * b.s_from
     return call_at(kernel, (p_at, b.n_p, s_at, b.n_s), (x, t, dt, ch))
 
@@ -162,9 +162,9 @@ def advance(
     dt: float,
     y: Floats,
 ) -> None:
-    """The whole model over one sample, for the command u; v_before: drive at the hysteresis, one
-    sample before. y (5,): drive at the hysteresis, what blocks beside it add, stage displacement,
-    reading, displacement of the hysteresis alone. plays (n,) and states are advanced."""
+    """Advance the whole model, plays (n,) and states, by one sample for the command u; v_before:
+    drive at the hysteresis one sample before. Fill y (5,): drive at the hysteresis, contribution of
+    the blocks parallel to it, stage displacement, reading, displacement of the hysteresis alone."""
     blocks, params = cascade.chain.blocks, cascade.chain.params
     hysteresis, channels = cascade.hysteresis, cascade.channels
     v = u
@@ -194,8 +194,9 @@ def advance(
 def beside(
     chain: Chain, states: Floats, scratch: Floats, dt: float, v: Floats, out: Floats
 ) -> None:
-    """What the blocks beside the hysteresis add along the drives v (m,) at the hysteresis, spaced
-    by dt, from the states of the present; into out (m,). scratch: as long as states."""
+    """Fill out (m,) with the contribution of the blocks parallel to the hysteresis for drives v
+    (m,) at the hysteresis, spaced by dt, starting from the present states. scratch: as long as
+    states, overwritten."""
     out[:] = 0.0
     for i in range(chain.blocks.size):
         b = chain.blocks[i]
@@ -207,8 +208,8 @@ def beside(
 
 @njit(cache=True, nogil=True)
 def _lead(seq: Floats, first: float, second: float) -> None:
-    """seq + first * seq' + second * seq'' in units of the spacing, in place, central where it can
-    be; the first entry is left as it is."""
+    """Compute seq + first * seq' + second * seq'' in place, in units of the spacing, with central
+    differences where possible; the first entry is not modified."""
     n = seq.size
     before = seq[0]
     for i in range(1, n):
@@ -232,13 +233,12 @@ def undo(
     first_s: float,
     seq: Floats,
 ) -> None:
-    """Turn displacements of the stage into displacements of the hysteresis, in place.
+    """Convert displacements of the stage into displacements of the hysteresis, in place.
 
-    seq (m,): values spaced by step_s; the first `past` of them have been applied already, and
-    are there for the derivatives alone; seq[past] lies first_s after the last applied sample.
-    states: of the blocks after that sample; scratch: as long, overwritten. The channels are taken
-    to stand still. Delays are not undone here (they shift the window), nor what adds to the
-    hysteresis.
+    seq (m,): values spaced by step_s; the first `past` of them have already been applied and are
+    used only for derivatives; seq[past] is first_s after the last applied sample. states: of the
+    blocks after that sample; scratch: as long, overwritten. The channels are assumed constant.
+    Delays are not inverted here (they shift the window), nor are blocks that add to the hysteresis.
     """
     params = chain.params
     for k in range(chain.blocks.size - 1, -1, -1):
@@ -264,7 +264,7 @@ def undo(
 
 @njit(cache=True, nogil=True)
 def begin_undoing(chain: Chain, states: Floats) -> None:
-    """Inverses with a state of their own begin with that of their block."""
+    """Initialise the separate states of inverses with those of their blocks."""
     for i in range(chain.blocks.size):
         b = chain.blocks[i]
         states[b.s_from + b.own : b.s_from + 2 * b.own] = states[b.s_from : b.s_from + b.own]
@@ -272,7 +272,8 @@ def begin_undoing(chain: Chain, states: Floats) -> None:
 
 @njit(cache=True, nogil=True)
 def keep_undone(chain: Chain, states: Floats, scratch: Floats) -> None:
-    """Take what `undo` has left for the next sample; `go_on_undoing` makes it the present."""
+    """Keep the inverse states that `undo` prepared for the next sample; `go_on_undoing` makes them
+    the present ones."""
     for i in range(chain.blocks.size):
         b = chain.blocks[i]
         first, end = b.s_from + 2 * b.own, b.s_from + 3 * b.own
@@ -281,7 +282,7 @@ def keep_undone(chain: Chain, states: Floats, scratch: Floats) -> None:
 
 @njit(cache=True, nogil=True)
 def go_on_undoing(chain: Chain, states: Floats) -> None:
-    """A sample has passed for inverses with a state of their own."""
+    """Advance the separate states of inverses by one sample."""
     for i in range(chain.blocks.size):
         b = chain.blocks[i]
         after = states[b.s_from + 2 * b.own : b.s_from + 3 * b.own]
@@ -290,7 +291,7 @@ def go_on_undoing(chain: Chain, states: Floats) -> None:
 
 @njit(cache=True, nogil=True)
 def lead_drive(chain: Chain, v: float, rate: float) -> float:
-    """Command whose drive blocks (lags) pass on v, while v moves at this rate."""
+    """Return the command for which the drive blocks (lags) output v, while v moves at this rate."""
     for i in range(chain.blocks.size):
         if chain.blocks[i].place == AT_DRIVE:
             v += chain.blocks[i].first_s * rate
