@@ -1,1 +1,1 @@
-"""What has changed in a stage that was in order: one cause alone, and a model that is right."""
+"""Find what has changed in a stage whose model was right: the single cause and a correct model."""

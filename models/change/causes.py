@@ -1,8 +1,8 @@
-"""What one change alone explains of a recording, beside the model in use.
+"""Determine how much of a recording a single change to the model in use explains.
 
-A stage that was in order a minute ago has mostly changed in one thing. A diagnosis fits the loop's
-shape anew beside each cause, and a shape can stand for much of a cause; here nothing but the
-cause's own numbers is fitted: each candidate of the library alone around the model in use.
+A stage that was right a minute ago has usually changed in one respect only. A diagnosis refits the
+loop's shape together with each cause, and a shape can absorb much of a cause. Here only the cause's
+parameters are fitted: each candidate of the library alone, around the model in use.
 """
 
 from collections.abc import Sequence
@@ -25,13 +25,13 @@ from dehyst.models.physics import changes_alone
 from dehyst.models.recording import Recording
 
 SHORTLIST = 6
-"""Candidates that get the full refit."""
+"""Number of candidates that are fully refitted."""
 
 
 @dataclass(frozen=True)
 class Cause:
-    """name: in the diagnosis' words; place: drive, stage or sensor; says: a sentence; model: the
-    one in use with it; confused_with: names of the effects that look like it."""
+    """name: word of the diagnosis' vocabulary; place: drive, stage or sensor; says: a sentence;
+    model: the model in use with this change; confused_with: names of effects that look like it."""
 
     name: str
     place: str
@@ -42,8 +42,8 @@ class Cause:
 
 @dataclass(frozen=True)
 class WeighedCause:
-    """left: rms that the cause's model leaves of later telemetry; new: mean square that it removes
-    of that, less what it removes of the good recording."""
+    """left: rms residual of the cause's model on later telemetry; new: mean square that the model
+    removes there, minus that which it removes from the good recording."""
 
     cause: Cause
     left: float
@@ -51,8 +51,8 @@ class WeighedCause:
 
 
 def find_causes(model: Model, recording: Recording) -> list[Cause]:
-    """Each alone, what removes most first. Rows without a reading lead the stage's memory, and
-    count for nothing. Raises BadInput, BadRecording as a diagnosis does."""
+    """Return the single causes, the one that removes most first. Rows without a reading only drive
+    the stage's memory and are not fitted. Raises BadInput, BadRecording like a diagnosis."""
     data = begin_as_found(excerpt(prepare([recording], were_de_energised([recording]))))
     problem = Problem(data, no_base(data), take_subject(model, data))
     null = problem.solve([])
@@ -74,7 +74,8 @@ def _as_cause(model: Model, problem: Problem, trial: CandidateTrial) -> Cause:
 def weigh_causes(
     in_use: Model, causes: Sequence[Cause], later: Recording, good: Recording | None
 ) -> list[WeighedCause]:
-    """What is newest first. A cause whose model cannot be run there is left out."""
+    """Return the causes in descending order of `new`, without those whose model cannot be run on
+    the recordings. good: a recording from when the model was right, or None."""
     before = validate(in_use, later).rms ** 2
     when_good = validate(in_use, good).rms ** 2 if good is not None else 0.0
     found = []

@@ -1,4 +1,4 @@
-"""Recordings with what led to them: the stage's memory is known, and only the rest counts."""
+"""Recordings with a lead-in, which determines the stage's memory and is not evaluated."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from dehyst.models.recording import Recording
 
 
 def lead_in(recording: Recording, lead_s: float) -> Recording:
-    """The same without a reading in its first lead_s seconds."""
+    """Return the recording without readings in its first lead_s seconds."""
     y = recording.displacement
     if y is None or lead_s <= 0.0:
         return recording
@@ -17,7 +17,7 @@ def lead_in(recording: Recording, lead_s: float) -> Recording:
 
 
 def without_lead(recording: Recording, lead_s: float) -> Recording:
-    """What counts alone."""
+    """Return the recording without its first lead_s seconds."""
     y = recording.displacement
     counts = ~_before(recording, recording.t_s[0] + lead_s)
     if y is None or lead_s <= 0.0 or not counts.any():

@@ -1,8 +1,8 @@
-"""What is named: the diagnosis' findings in the order of what is new, or one change alone.
+"""Decide what to report: the diagnosis' findings, the newest effect first, or a single change.
 
-A diagnosis fits the loop's shape anew beside each cause. A shape can take what belongs to the
-cause, and then no cause is seen behind it. Where one change alone, beside the model in use, leaves
-no more of later telemetry than that model left when all was well, nothing else is needed.
+A diagnosis refits the loop's shape together with each cause. The shape can absorb the effect of a
+cause, which is then not found. If a single change to the model in use leaves no larger residual on
+later telemetry than that model left while it was right, nothing else is needed.
 """
 
 import math
@@ -16,14 +16,14 @@ from dehyst.models.diagnosis import Finding
 from dehyst.models.model import Model
 from dehyst.models.physics import KINDS
 
-EXPLAINED = 0.15  # of the power that is new, that one change may leave
-WEAK = 0.25  # of what the best cause alone removes: less is not the change
-OWN = 0.5  # of the power that the model in use left when all was well: it favours either of two
+EXPLAINED = 0.15  # largest fraction of the new power that a single change may leave
+WEAK = 0.25  # a change removes at least this fraction of what the best cause alone removes
+OWN = 0.5  # fraction of the power that the model left while right, which may favour either of two
 
 
 class ChangeResiduals(NamedTuple):
-    """rms that is left: by the model in use of later telemetry, and of the good recording (NaN:
-    there is none); by all that the diagnosis found, of later telemetry; noise."""
+    """rms residuals. in_use: of the model in use on later telemetry; when_good: on the good
+    recording (NaN: none); found: on later telemetry after all that the diagnosis found; noise."""
 
     in_use: float
     when_good: float
@@ -34,10 +34,10 @@ class ChangeResiduals(NamedTuple):
 def rank_findings(
     findings: Sequence[Finding], causes: Sequence[WeighedCause], least: float, noise2: float
 ) -> list[Finding]:
-    """What is new first: by the mean square that each finding's cause alone removes of later
-    telemetry and not of the good recording, and where that is as good as the best but for the
-    noise's (noise2), by the diagnosis' share; then the loop's shape, then what removes less than
-    `least` or than a part of what any cause alone removes, then what nothing explains."""
+    """Return the findings, the newest effect first: by the mean square that a finding's cause alone
+    removes from later telemetry and not from the good recording; among those within noise2 of the
+    best, by the diagnosis' share. The loop's shape follows, then findings that remove less than
+    `least` or than the fraction WEAK of what the best cause removes, then the unexplained rest."""
     new: dict[str, float] = {}
     for one in causes:
         new[one.cause.name] = max(new.get(one.cause.name, 0.0), one.new)
@@ -55,16 +55,16 @@ def rank_findings(
 def find_one_change(
     findings: Sequence[Finding], causes: Sequence[WeighedCause], left: ChangeResiduals
 ) -> WeighedCause | None:
-    """The cause that alone explains all that is new, where the diagnosis does not name it and
-    needs more than one name, or a shape; or that alone explains most of it, and more than the
-    effect that the diagnosis names first and with which it may be confused. findings, causes: what
-    is new first."""
+    """Return the single cause to report in place of the findings, or None. It explains all that is
+    new, is not named by the diagnosis, and the diagnosis needs several names or a shape; or it
+    explains most of what is new, and more than the effect that the diagnosis names first and with
+    which it may be confused. findings, causes: the newest effect first."""
     best = causes[0] if causes else None
     names = {f.name for f in findings}
     if best is None or not names or best.cause.name in names:
         return None
     if len(names) == 1 and not names & {"shape", "unknown"}:
-        return None  # one name against another: the diagnosis has weighed them
+        return None  # one name against another: the diagnosis has compared them
     noise2 = left.noise**2
     first = findings[0]
     if _may_be_confused(best.cause, first):
@@ -76,8 +76,8 @@ def find_one_change(
 
 
 def explains_all(one: WeighedCause, left: ChangeResiduals) -> bool:
-    """Whether nothing else is needed: it leaves no more than the model in use when all was well, or
-    than all that the diagnosis found, but for the noise."""
+    """Return whether nothing else is needed: within the noise, the cause leaves no more than the
+    model in use left while it was right, or than all that the diagnosis found."""
     return one.left**2 <= max(left.found**2, _before(left)) + left.noise**2
 
 
@@ -88,15 +88,15 @@ def _explains_most(one: WeighedCause, left: ChangeResiduals) -> bool:
 
 
 def _before(left: ChangeResiduals) -> float:
-    """Mean square that the model in use left of the good recording; 0 where there is none."""
+    """Return the mean square residual of the model in use on the good recording; 0 without one."""
     return 0.0 if math.isnan(left.when_good) else left.when_good**2
 
 
 def state_one_change(
     one: WeighedCause, causes: Sequence[WeighedCause], left: ChangeResiduals, first: Finding
 ) -> Finding:
-    """That cause as what was found, with the names of those that do as well but for the noise, and
-    the diagnosis' first finding where it may be confused with it."""
+    """Return the cause as a finding, ambiguous with the causes that do as well within the noise,
+    and with the diagnosis' first finding if they may be confused."""
     noise2, cause = left.noise**2, one.cause
     near = [o.cause.name for o in causes if o.new >= one.new - noise2]
     near += [first.name] if _may_be_confused(cause, first) else []
@@ -117,9 +117,9 @@ def state_one_change(
 
 
 def add_rivals(first: Finding, causes: Sequence[WeighedCause], left: ChangeResiduals) -> Finding:
-    """The diagnosis' first finding, with the names of the causes that may be confused with it and
-    alone explain as much of what is new, but for the noise and what the model in use leaves by
-    itself, or more."""
+    """Return the diagnosis' first finding, ambiguous also with the causes that may be confused with
+    it and that alone explain at least as much of what is new, within the noise and a part OWN of
+    the residual of the model in use."""
     least = _explained_by(first, causes) - max(left.noise**2, OWN * _before(left))
     near = [
         o.cause.name
@@ -136,15 +136,15 @@ def _may_be_confused(cause: Cause, first: Finding) -> bool:
 
 
 def _explained_by(first: Finding, causes: Sequence[WeighedCause]) -> float:
-    """What the finding's own cause alone removes of what is new [mean square]."""
+    """Return the new mean square that the cause of the finding's name removes alone."""
     return max((o.new for o in causes if o.cause.name == first.name), default=0.0)
 
 
 def off_the_gauge(
     model: Model, findings: Sequence[Finding], causes: Sequence[WeighedCause], noise2: float
 ) -> Model:
-    """The model with what it has at the gauge of findings that may as well act elsewhere moved to
-    there: what the gauge does is not compensated."""
+    """Return the model with sensor blocks moved to the stage or the drive where their finding may
+    act there as well, since sensor blocks are not compensated."""
     for one in findings:
         alike = [o.cause for o in _of_names(one, causes)]
         there = next((c.place for c in alike if c.place != "sensor"), "")
@@ -161,8 +161,8 @@ def off_the_gauge(
 
 
 def is_of_sensor(first: Finding, causes: Sequence[WeighedCause], noise2: float) -> bool:
-    """Whether it is the gauge that has changed: elsewhere, neither a cause of that name nor one
-    that it cannot be distinguished from does as well."""
+    """Return whether the sensor has changed: in other places no cause of that name, and none that
+    cannot be distinguished from it, does as well."""
     if first.place != "sensor":
         return False
     here = [o.new for o in causes if o.cause.name == first.name and o.cause.place == "sensor"]
@@ -171,8 +171,8 @@ def is_of_sensor(first: Finding, causes: Sequence[WeighedCause], noise2: float) 
 
 
 def pick_models(first: Finding, causes: Sequence[WeighedCause], noise2: float) -> list[Model]:
-    """What was named, then what it cannot be distinguished from where that does better by more than
-    the noise; what a gauge does is not compensated."""
+    """Return the models of the named cause, then those of causes that cannot be distinguished from
+    it and do better by more than the noise. Sensor effects are not compensated and are left out."""
     fit = [o for o in _of_names(first, causes) if o.new > 0.0 and o.cause.place != "sensor"]
     named = [o for o in fit if o.cause.name == first.name]
     least = max((o.new + noise2 for o in named), default=0.0)

@@ -1,4 +1,4 @@
-"""A model that is offered, tried on telemetry that it was not fitted to, beside the one in use."""
+"""Compare an offered model with the one in use on telemetry to which neither was fitted."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -13,12 +13,13 @@ from dehyst.models.recording import Recording
 PLACES = {"drive": 0.0, "stage": 1.0, "sensor": 2.0}
 BESIDE = 0.5
 ROUNDS, CLOSE = 4, 0.02
-"""Steps towards the wanted zero, and the part of a step that may be left."""
+"""Largest number of steps towards the wanted zero, and the relative error at which they end."""
 
 
 @dataclass(frozen=True)
 class BothReplayed:
-    """rms misfit of both models on the same recording, each without its mean; noise: rms."""
+    """rms residual of both models on the same recording, each without its mean; noise: rms;
+    seconds: duration with a reading [s]."""
 
     in_use: float
     offered: float
@@ -27,24 +28,24 @@ class BothReplayed:
 
     @property
     def improves(self) -> bool:
-        """By more than the noise: what the offered model removes is of more power than that."""
+        """Whether the offered model removes more power than that of the noise."""
         return self.in_use**2 - self.offered**2 > self.noise**2
 
 
 def replay_both(
     in_use: Model, offered: Model, recording: Recording, noise: float, seconds: float
 ) -> BothReplayed:
-    """Run both on the recording's drive; `seconds` of it have a reading. Raises BadInput where one
-    cannot be run on it."""
+    """Run both models on the recording's drive; `seconds` of it have a reading. Raises BadInput if
+    a model cannot be run on it."""
     before, after = validate(in_use, recording), validate(offered, recording)
     return BothReplayed(before.rms, after.rms, noise, seconds)
 
 
 def keep_zero(in_use: Model, offered: Model, recording: Recording) -> Model:
-    """The offered model with the constant with which a target means the same place as under the one
-    in use and its trim: a creep of the whole displacement moves a model's zero by micrometres, and
-    with another model the trim begins at nothing. Raises BadInput where one cannot be run on the
-    recording."""
+    """Return the offered model with its constant adjusted, so that a target means the same position
+    as under the model in use with its trim: creep of the whole displacement shifts a model's zero
+    by micrometres, and with a new model the trim starts at 0. Raises BadInput if a model cannot be
+    run on the recording."""
     trim = recording.channels.get(f"trim_{in_use.displacement_unit}", np.zeros(1))
     wanted = validate(in_use, recording).offset + float(np.nanmean(trim))
     shift, gain, model = validate(offered, recording).offset - wanted, 1.0, offered
@@ -55,13 +56,13 @@ def keep_zero(in_use: Model, offered: Model, recording: Recording) -> Model:
         left = validate(model, recording).offset - wanted
         if abs(left) <= CLOSE * abs(shift):
             break
-        gain *= (shift - left) / shift  # blocks behind take the constant up, too
+        gain *= (shift - left) / shift  # later blocks act on the constant as well
         shift = left
     return model
 
 
 def with_blocks(model: Model, blocks: Iterable[Block]) -> Model:
-    """The model with these around it: before its drive's blocks, behind its others."""
+    """Return the model with further blocks: drive blocks before its own, the others after them."""
     added = list(blocks)
     before = [b for b in added if b.place == "drive"]
     behind = [b for b in added if b.place != "drive"]
