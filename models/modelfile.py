@@ -186,7 +186,7 @@ def _provenance(table: _Table) -> Provenance:
 
 
 def _blocks(raw: Any, drive: str, disp: str) -> tuple[Block, ...]:
-    from dehyst.models.physics import check_block  # avoids a circular import
+    from dehyst.models.physics import check_block  # the registry imports Block from models.model
 
     if not isinstance(raw, list):
         raise BadModel("blocks: a list of tables ([[blocks]]) is needed")
