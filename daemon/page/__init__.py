@@ -1,1 +1,1 @@
-"""The page in a browser: a server of its own that is an ordinary client of the daemons."""
+"""The browser page: a separate server that is an ordinary client of the daemons."""

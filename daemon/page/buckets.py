@@ -1,9 +1,9 @@
-"""Telemetry for a screen: the least and the largest value in each bucket of time.
+"""Reduce telemetry for a screen to the smallest and the largest value in each bucket of time.
 
-A screen has some hundred columns, a minute at 10 kHz has 600 000 samples. Drawn is what a column's
-samples span, so no peak is lost, however short. Level k has buckets of 2^k ms, each level is
-made of the one before, and each keeps its newest KEPT buckets: the finest 8 s, the coarsest hours.
-Pure; buckets are numbered by the controller's monotonic clock.
+A screen has some hundred columns; a minute at 10 kHz has 600 000 samples. Each column shows the
+range of its samples, so that no peak is lost, however short. Level k has buckets of 2^k ms. Each
+level is computed from the one before and keeps its newest KEPT buckets: the finest 8 s, the
+coarsest hours. Pure; buckets are numbered by the controller's monotonic clock.
 """
 
 from typing import Any, NamedTuple
@@ -16,12 +16,12 @@ LEVELS = 11
 KEPT = 8192
 SIGNALS = ("target", "measured", "error", "trim", "learned", "volts")
 BACKWARDS_NS = 1_000_000_000
-"""Telemetry that is so much older than the newest is of a clock that was started anew."""
+"""Telemetry older than the newest by more than this comes from a clock that was restarted."""
 
 
 class BucketPiece(NamedTuple):
-    """Buckets number[i] with least and largest values (n, len(SIGNALS)), NaN: no sample had one;
-    cursor: where the next piece begins; anew: forget what came before."""
+    """Buckets number[i] with least and largest values (n, len(SIGNALS)), NaN: no sample has one;
+    cursor: where the next piece begins; anew: discard all earlier pieces."""
 
     number: NDArray[np.int64]
     least: NDArray[np.float32]
@@ -34,7 +34,7 @@ class Level:
     """The buckets of one length, the newest KEPT of them."""
 
     def __init__(self) -> None:
-        self.end = 0  # buckets that were ever finished
+        self.end = 0  # number of buckets finished so far
         self._number = np.zeros(KEPT, np.int64)
         self._least = np.zeros((KEPT, len(SIGNALS)), np.float32)
         self._largest = np.zeros((KEPT, len(SIGNALS)), np.float32)
@@ -43,7 +43,8 @@ class Level:
     def add(
         self, number: NDArray[np.int64], least: NDArray[np.float32], largest: NDArray[np.float32]
     ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
-        """Take values (n, len(SIGNALS)) of ascending buckets; those that are finished now."""
+        """Add values (n, len(SIGNALS)) of ascending buckets; return the buckets that are now
+        finished."""
         if self._open is not None:
             number = np.concatenate([self._open[0], number])
             least = np.concatenate([self._open[1], least])
@@ -62,8 +63,8 @@ class Level:
         return finished
 
     def since(self, cursor: int, first: int) -> BucketPiece:
-        """What was finished since `cursor`, from bucket `first` on; everything where the cursor is
-        too old or -1."""
+        """Return the buckets finished since `cursor`. If the cursor is too old or -1, return all
+        that are kept, from bucket `first` on."""
         anew = not max(0, self.end - KEPT) <= cursor <= self.end
         start = max(0, self.end - KEPT) if anew else cursor
         places = np.arange(start, self.end) % KEPT
@@ -80,10 +81,10 @@ class Buckets:
     def __init__(self) -> None:
         self._levels = [Level() for _ in range(LEVELS)]
         self.newest_ns = -1
-        self.run = 0  # raised where everything begins anew
+        self.run = 0  # incremented when the clock was restarted
 
     def add(self, samples: NDArray[Any]) -> None:
-        """Take (n,) TELEMETRY records; what is not newer than the newest is passed over."""
+        """Add (n,) TELEMETRY records; those not newer than the newest are skipped."""
         if not samples.size:
             return
         if int(samples["scheduled_ns"][-1]) < self.newest_ns - BACKWARDS_NS:
@@ -108,19 +109,19 @@ class Buckets:
             number = number >> 1
 
     def since(self, level: int, cursor: int, window_s: float) -> BucketPiece:
-        """The level's buckets since a cursor of an earlier piece; -1: the last window_s."""
+        """Return a level's buckets since the cursor of an earlier piece; -1: the last window_s."""
         first_ns = self.newest_ns - round(window_s * 1e9)
         return self._levels[level].since(cursor, first_ns // (FINEST_NS << level))
 
 
 def level_for(window_s: float, width_px: int) -> int:
-    """The coarsest level that still has a bucket for each of a screen's columns."""
+    """Return the coarsest level that has a bucket for each column of the screen."""
     column_ms = max(1.0, 1e3 * window_s / max(1, width_px))
     return min(LEVELS - 1, int(np.log2(column_ms)))
 
 
 def level_between(newest_ns: int, first_ns: int, end_ns: int, width_px: int) -> int:
-    """The level for a stretch of the past: not finer than the screen, and still kept."""
+    """Return the level for a past interval: not finer than the screen, and still kept."""
     level = level_for((end_ns - first_ns) * 1e-9, width_px)
     while level < LEVELS - 1 and newest_ns - first_ns > KEPT * (FINEST_NS << level):
         level += 1

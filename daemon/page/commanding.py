@@ -1,8 +1,8 @@
-"""One person's command of one controller: a client of its own, with a lease of its own.
+"""Command one controller for one person, through a separate client with its own lease.
 
-What is asked for runs in a thread, one thing at a time; the next one ends the one before. A
-set-point is sent again before it goes stale, for as long as was asked for and as the browser is
-there; a trajectory is stopped when its browser has gone. Then the daemon holds and ramps by itself.
+Commands run in a thread, one at a time; the next one ends the one before. A set-point is repeated
+before it goes stale, for the requested time and while the browser is connected. A trajectory is
+stopped when its browser disconnects. The daemon then holds and ramps by itself.
 """
 
 import logging
@@ -24,13 +24,13 @@ from dehyst.models.errors import DehystError
 
 log = logging.getLogger(__name__)
 Say = Callable[[str, bool], None]
-"""Tells the person something; True: it went wrong."""
+"""Send the person a text; True: it is an error."""
 Task = Callable[[Client, threading.Event], None]
 LONGEST_S = 86_400.0
 LEAST_PAUSE_S = 0.02
-"""Between two repetitions of a hold, where the daemon keeps it for a moment alone."""
+"""Shortest pause between two repetitions of a hold, for a daemon that holds only very briefly."""
 SETTLE_S = 4.0
-"""An answer that is waited for comes within this time or not at all."""
+"""Longest wait for a command in progress to end."""
 
 
 class Ended(DehystError):
@@ -45,16 +45,16 @@ class Commander:
         self._tasks: SimpleQueue[tuple[Task | None, threading.Event]] = SimpleQueue()
         self._over = threading.Event()
         self._waiting, self._settled = 0, threading.Condition()
-        self.number = 0  # of its client, once it has one
+        self.number = 0  # of its client; 0: no client yet
         self._thread = threading.Thread(target=self._run, name="command", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """End what runs and give up the lease; returns at once."""
+        """End the running command and release the lease; returns at once."""
         self._begin(None)
 
     def go(self, value: float, seconds: float, take_over: bool) -> None:
-        """Go to a set-point and stay there for so many seconds."""
+        """Go to a set-point and stay there for `seconds`."""
 
         def task(client: Client, over: threading.Event) -> None:
             if take_over:
@@ -72,8 +72,8 @@ class Commander:
         self._begin(task)
 
     def hold(self, target: float, seconds: float, take_over: bool) -> None:
-        """Stay where it is for so many seconds: at the target, where there is one within the reach,
-        else at the present voltage."""
+        """Hold the stage for `seconds`: at the target if it is within the reach, else at the
+        present voltage. target: NaN for none."""
 
         def task(client: Client, over: threading.Event) -> None:
             if take_over:
@@ -103,7 +103,7 @@ class Commander:
     def play(
         self, t_s: NDArray[np.float64], target: NDArray[np.float64], name: str, take_over: bool
     ) -> None:
-        """Play a trajectory that was checked before, once, to its end."""
+        """Play a trajectory that has been checked, once, to its end."""
 
         def task(client: Client, over: threading.Event) -> None:
             def progress(_at_s: float, _total_s: float) -> None:
@@ -130,8 +130,8 @@ class Commander:
         take_over: bool,
         mine: Set[int],
     ) -> None:
-        """Play a trajectory of several axes that was checked before, on the same samples, once.
-        mine: numbers of this person's own clients, whose command is taken over unasked."""
+        """Play a checked trajectory of several axes once, all on the same samples. mine: numbers of
+        this person's own clients, whose leases are taken over without asking."""
 
         def task(client: Client, over: threading.Event) -> None:
             def progress(_at_s: float, _total_s: float) -> None:
@@ -162,16 +162,18 @@ class Commander:
         self._begin(task)
 
     def end_task(self) -> None:
-        """End what runs, as another axis of the controller was stopped and this one with it."""
+        """End the running command, because another axis of the controller was stopped and this one
+        with it."""
         self._over.set()
 
     def stop(self, at_once: bool) -> None:
-        """Stop the stage, whoever commands it; at_once: ramp now. Raises BusError, Refusal."""
+        """Stop the stage, regardless of who commands it; at_once: ramp now. Raises BusError,
+        Refusal."""
         self._over.set()
         with self._settled:
             busy = self._waiting > 0
         self._watch.stop(at_once)
-        if busy:  # a set-point that was on its way may have come after it
+        if busy:  # a set-point already sent may have arrived after the stop
             with self._settled:
                 self._settled.wait_for(lambda: not self._waiting, SETTLE_S)
             self._watch.stop(at_once)
@@ -212,7 +214,7 @@ class Commander:
 
 
 def stop_own(client: Client) -> None:
-    """Stop the stage where it is this client that commands it."""
+    """Stop the stage if this client has the lease."""
     try:
         if client.status().gateway.lease_client == client.client:
             client.stop()
@@ -221,5 +223,5 @@ def stop_own(client: Client) -> None:
 
 
 def target_now(newest: Any) -> float:
-    """The present target; NaN: there is none."""
+    """Return the present target; NaN for none. newest: a TELEMETRY record, or None."""
     return float("nan") if newest is None else float(newest["target"])

@@ -1,9 +1,9 @@
-"""The connections of the page's server: bounded in time and for each address, so that what somebody
-opens and leaves silent costs nobody else anything. uvicorn's protocols, with what they lack.
+"""Limit the page server's connections in time and per address, so that connections left silent do
+not affect other users. Extends uvicorn's protocols.
 
-A connection waits while no request of it is being answered: before its first request, between two,
-and while the head of one comes. It waits HEAD_S at most. Where too many wait, the one that has
-waited longest is ended, of the address that has most of them.
+A connection is waiting while none of its requests is being answered: before its first request,
+between two, and while the head of one arrives. It may wait for HEAD_S. If too many are waiting, the
+one that has waited longest is closed, of the address that has the most.
 """
 
 import asyncio
@@ -20,23 +20,23 @@ from dehyst.drivers import system
 from dehyst.models.errors import BadInput
 
 HEAD_S = 10.0
-"""A browser sends the head of a request at once; a slow link needs seconds."""
+"""Longest wait for the head of a request: a browser sends it at once; a slow link needs seconds."""
 MOST_OF_ONE, MOST_WAITING = 64, 512
-"""Waiting connections of one address, of all; a browser opens six."""
+"""Most waiting connections per address and in total; a browser opens six."""
 UNREAD_MS = 20_000
-"""Who takes nothing for this long is gone."""
+"""A client that accepts no data for this long counts as disconnected."""
 BACKLOG = 1024
 
 
 class Waiting:
-    """Connections that wait, by address, the one that has waited longest first."""
+    """Waiting connections by address, each in order of waiting time, longest first."""
 
     def __init__(self) -> None:
         self._of: dict[str, dict[Door, None]] = {}
         self._count = 0
 
     def add(self, door: "Door") -> None:
-        """This one waits from now on; another one may be ended for it."""
+        """Add a connection that waits from now on; if there are too many, another is closed."""
         mine = self._of.setdefault(door.address, {})
         if door in mine:
             return
@@ -48,7 +48,7 @@ class Waiting:
             self._end(max(self._of.values(), key=len))
 
     def remove(self, door: "Door") -> None:
-        """It waits no longer."""
+        """Remove a connection that no longer waits."""
         mine = self._of.get(door.address, {})
         if door in mine:
             del mine[door]
@@ -63,7 +63,7 @@ class Waiting:
 
 
 class Door(H11Protocol):
-    """One connection of HTTP."""
+    """One HTTP connection."""
 
     def __init__(self, *given: Any, **more: Any) -> None:
         super().__init__(*given, **more)
@@ -76,34 +76,35 @@ class Door(H11Protocol):
         self.address = ""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """It waits."""
+        """Start to wait for the first request."""
         super().connection_made(transport)
         self.address = origin_of(self.client[0] if self.client else "")
         self._wait()
 
     def data_received(self, data: bytes) -> None:
-        """Whether it still waits is seen from whether a request is being answered."""
+        """Handle the data, then wait unless a request is being answered."""
         super().data_received(data)
         self._look()
 
     def on_response_complete(self) -> None:
-        """It waits again, unless a next request came with this one."""
+        """Wait again, unless the next request has already arrived."""
         super().on_response_complete()
         self._look()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """It has gone."""
+        """Stop waiting: the connection has ended."""
         self._wait_no_longer()
         super().connection_lost(exc)
 
     def handle_websocket_upgrade(self, event: Any) -> None:
-        """It is a WebSocket from now on, which has limits of its own."""
+        """Stop waiting: the connection becomes a WebSocket, which has separate limits."""
         self._wait_no_longer()
         self._upgraded = True
         super().handle_websocket_upgrade(event)
 
     def send_400_response(self, msg: str) -> None:
-        """What is no HTTP ends the connection; within a request there is nobody to answer."""
+        """Refuse data that are not HTTP; while a request is being answered, close the connection
+        without a response."""
         if self.cycle is not None and not self.cycle.response_complete:
             self.transport.abort()
             return
@@ -133,23 +134,24 @@ class Wire(WebSocketsSansIOProtocol):
     """One WebSocket."""
 
     def keepalive_timeout(self) -> None:
-        """Its other side answers no ping: what it has not taken is not waited for."""
+        """Abort when pings are not answered, without waiting for unsent data."""
         super().keepalive_timeout()
         self.transport.abort()
 
 
 class Loop(asyncio.SelectorEventLoop):
-    """Bounds the handshake of TLS, which comes before there is a connection of HTTP."""
+    """Limits the time of the TLS handshake, which precedes the HTTP connection."""
 
     async def create_server(self, *given: Any, **more: Any) -> asyncio.Server:
-        """As asked for."""
+        """Create the server as requested, with limits for TLS."""
         if isinstance(more.get("ssl"), ssl.SSLContext):
             more |= {"ssl_handshake_timeout": HEAD_S, "ssl_shutdown_timeout": 2.0}
         return await super().create_server(*given, **more)
 
 
 def open_door(address: str) -> socket.socket:
-    """A socket that listens at HOST:PORT. BadInput where it cannot: the port is busy, say."""
+    """Return a socket that listens at HOST:PORT. Raises BadInput if it cannot, for example because
+    the port is in use."""
     host, _, port = address.rpartition(":")
     host = host.strip("[]")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -157,7 +159,7 @@ def open_door(address: str) -> socket.socket:
         door = socket.create_server((host, int(port)), family=family, backlog=BACKLOG)
     except OSError as error:
         raise BadInput(f"page.listen: {address}: {_words(error, port)}") from None
-    # connections inherit both, see tcp(7); asyncio sets the second for sockets of its own alone
+    # connections inherit both, see tcp(7); asyncio sets the second only for sockets it creates
     system.end_unread(door, UNREAD_MS)
     door.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return door

@@ -1,5 +1,5 @@
-"""Around every request: the right host, the same origin, no more of one address at once than it
-needs, and headers that let nothing else in."""
+"""Check every request for its host and origin, limit concurrent requests per address, and add
+security headers to the response."""
 
 from collections import Counter
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
@@ -31,12 +31,12 @@ HEADERS = {
 }
 LOOKS = ("GET", "HEAD")
 MOST_AT_ONCE = 32
-"""Requests of one address that are answered at the same time; a browser makes six."""
+"""Most requests of one address that are handled at the same time; a browser makes six."""
 
 
 def refusal(people: People, public: Public, headers: Mapping[str, str], anywhere: bool) -> str:
-    """Why a request is refused for where it comes from, and what to do; "": it is not. anywhere: it
-    changes nothing, or no browser sent it, so that another site's page cannot be behind it."""
+    """Return why a request is refused because of its host or origin, and the remedy; "": it is not.
+    anywhere: it may come from any origin, because it changes nothing or no browser sent it."""
     host, origin = headers.get("host", "")[:80], headers.get("origin", "")[:120]
     if not people.knows_host(host) and not (public.origin and host_name(host) == public.host):
         return (
@@ -54,21 +54,21 @@ def refusal(people: People, public: Public, headers: Mapping[str, str], anywhere
 
 
 class Guard:
-    """ASGI middleware. tls: this server serves over TLS itself."""
+    """ASGI middleware. tls: this server itself uses TLS."""
 
     def __init__(self, app: App, people: People, public: Public, tls: bool) -> None:
         self._app, self._people, self._public, self._tls = app, people, public, tls
         self._at_once: Counter[tuple[str, bool]] = Counter()
 
     async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
-        """Refuse, or pass on with the headers added."""
+        """Refuse the request, or pass it on and add the headers to the response."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
         if self._public.path and scope["path"].startswith(f"{self._public.path}/"):
-            scope["path"] = scope["path"].removeprefix(self._public.path)  # the proxy left it
+            scope["path"] = scope["path"].removeprefix(self._public.path)  # the proxy kept it
         headers = Headers(scope=scope)
-        if scope["type"] == "websocket":  # a browser names the origin of every one that it opens
+        if scope["type"] == "websocket":  # browsers always send an Origin for a WebSocket
             anywhere = "origin" not in headers
         else:
             anywhere = scope["method"] in LOOKS
@@ -94,7 +94,8 @@ class Guard:
             await self._counted(scope, receive, sent)
 
     async def _counted(self, scope: Message, receive: Receive, send: Send) -> None:
-        """Looks and changes count apart: a body that does not come keeps nobody from looking."""
+        """Limit concurrent requests. Reads and changes are counted separately, so that a body that
+        never arrives does not block reading."""
         address = origin_of((scope.get("client") or ("",))[0])
         key = address, scope["method"] in LOOKS
         if self._at_once[key] >= MOST_AT_ONCE:

@@ -1,25 +1,24 @@
-"""Wrong passwords and session tokens, counted by the address that they come from. Pure: the time
-comes in.
+"""Limit wrong passwords and session tokens per address. Pure: takes the time as an argument.
 
-Each address may give FREE wrong ones, then one more every EACH_S. What it gives before is refused
-unseen, so that guesses cannot be made faster by making them at once. An address waits for its own
-wrong ones alone, and a session that has begun waits for none.
+Each address may send FREE wrong ones, then one more every EACH_S. Any sent earlier are refused
+without being checked, so that parallel guesses are no faster. An address waits only for its own
+wrong ones, and a valid session does not wait at all.
 """
 
 import ipaddress
 
 FREE = 5
-"""A person who mistypes is not made to wait; a stale cookie in a browser costs one."""
+"""Wrong guesses without a wait, for typing errors; a stale cookie in a browser costs one."""
 EACH_S = 10.0
-"""8640 guesses a day from one address."""
+"""Interval of further guesses: 8640 a day from one address."""
 MOST_ADDRESSES = 4096
-"""Bounds the memory; the address that was wrong the longest ago is forgotten first."""
+"""Limits the memory; the address whose last wrong guess is the oldest is dropped first."""
 NS = 1_000_000_000
 
 
 def origin_of(address: str) -> str:
-    """What counts as one address: an IPv4 address, or the /64 network of an IPv6 address, which
-    one household has for itself. Anything else counts as itself."""
+    """Return the key by which an address is counted: an IPv4 address, or the /64 network of an IPv6
+    address, which usually belongs to one household. Any other text is its own key."""
     try:
         found = ipaddress.ip_address(address.partition("%")[0])
     except ValueError:
@@ -32,7 +31,7 @@ def origin_of(address: str) -> str:
 
 
 class Guesses:
-    """For each address, the time at which all of its wrong guesses are forgiven."""
+    """Keep for each address the time at which all its wrong guesses have expired."""
 
     def __init__(self, free: int = FREE, each_s: float = EACH_S) -> None:
         self._each_ns = round(each_s * NS)
@@ -40,12 +39,12 @@ class Guesses:
         self._even_ns: dict[str, int] = {}
 
     def wait_s(self, address: str, now_ns: int) -> float:
-        """How long this address has to wait before its next guess is looked at; 0: not at all."""
+        """Return how long this address must wait for its next guess [s]; 0: no wait."""
         even_ns = self._even_ns.get(origin_of(address), now_ns)
         return max(0.0, (even_ns - now_ns - self._ahead_ns) / NS)
 
     def wrong(self, address: str, now_ns: int) -> None:
-        """This address gave a wrong password or token."""
+        """Count a wrong password or token from this address."""
         key = origin_of(address)
         even_ns = max(self._even_ns.pop(key, now_ns), now_ns) + self._each_ns
         while len(self._even_ns) >= MOST_ADDRESSES:

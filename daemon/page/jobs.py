@@ -1,8 +1,8 @@
-"""What takes long or reads a stranger's file: in a process of its own, with bounds. One look at a
-trajectory and one long task at a time, so that neither waits for the other.
+"""Run long tasks and tasks that read untrusted files, each in a separate, limited process.
 
-The child has the lowest priority, so much memory and so much time, no way to the bus, and dies with
-the server. It answers in JSON; what it makes are files in a folder that goes with the job.
+One check of a trajectory and one long task may run at a time, so that neither waits for the other.
+The child has the lowest priority, limited memory and time and no access to the bus, and ends with
+the server. It answers in JSON; its output files are in a folder that is deleted with the job.
 """
 
 import multiprocessing
@@ -39,8 +39,8 @@ MOST_POINTS = 2_000_000
 
 
 class Setting(msgspec.Struct, frozen=True):
-    """What a preview needs of the controller. low, high: drives; slew: of the drive a second;
-    origin: model displacement at set-point 0; reach: set-points."""
+    """The controller's settings that a preview needs. low, high: range of the drive; slew: of the
+    drive, per second; origin: model displacement at set-point 0; reach: range of set-points."""
 
     model: str
     unit: str
@@ -56,8 +56,8 @@ class Setting(msgspec.Struct, frozen=True):
 
 @dataclass
 class Job:
-    """settings: of the controller's axes by name, and "" of the one that is shown; state: waiting,
-    working, done or failed; text: what it does, or what went wrong."""
+    """settings: of the controller's axes by name, and of the shown axis as ""; state: waiting,
+    working, done or failed; text: the present step, or the error."""
 
     number: str
     kind: Kind
@@ -65,14 +65,14 @@ class Job:
     folder: Path
     settings: Mapping[str, Setting]
     controller: str = ""
-    """The one that was shown when the file came: what was found holds for it."""
+    """The controller that was shown when the file was uploaded; the result is valid for it."""
     state: str = "waiting"
     text: str = "waiting for the previous file"
     share: float = 0.0
     result: dict[str, Any] = field(default_factory=dict)
 
     def describe(self) -> dict[str, Any]:
-        """For the browser."""
+        """Return the job's description for the browser."""
         names = ("number", "kind", "file", "controller", "state", "text", "share", "result")
         said = {name: getattr(self, name) for name in names}
         said["report"] = self.state == "done" and (self.folder / "report.html").exists()
@@ -80,8 +80,8 @@ class Job:
         return said
 
     def trajectory(self) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-        """t_s, and the targets by axis ("": of the only one), of a trajectory that was looked at.
-        Raises BadInput."""
+        """Return t_s and the targets by axis ("": the only one) of a checked trajectory. Raises
+        BadInput if the job is not one."""
         if self.kind != "trajectory" or self.state != "done":
             raise BadInput(f"{self.file}: is not a trajectory that was checked")
         rows = np.load(self.folder / "trajectory.npy", allow_pickle=False)
@@ -90,7 +90,7 @@ class Job:
 
 
 class Jobs:
-    """The newest KEPT jobs. A thread for each lane works on them, in their order."""
+    """The newest KEPT jobs. One thread per lane runs them in order."""
 
     def __init__(self) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="dehyst-page-")
@@ -106,7 +106,7 @@ class Jobs:
             thread.start()
 
     def close(self) -> None:
-        """End what runs and delete all files."""
+        """Stop the running jobs and delete all files."""
         with self._wake:
             self._ended = True
             self._wake.notify_all()
@@ -124,7 +124,7 @@ class Jobs:
         settings: Mapping[str, Setting],
         controller: str = "",
     ) -> Job:
-        """Begin a job. Raises NotNow where too many wait."""
+        """Add a job. Raises NotNow if too many are waiting."""
         with self._wake:
             if sum(j.state == "waiting" for j in self._jobs.values()) >= WAITING:
                 raise NotNow("too many files are waiting; try again when they are done")
@@ -143,7 +143,7 @@ class Jobs:
         return job
 
     def get(self, number: str) -> Job | None:
-        """A job that is still kept."""
+        """Return a job, or None if it is no longer kept."""
         return self._jobs.get(number)
 
     def _run(self, lane: tuple[Kind, ...]) -> None:
@@ -158,7 +158,7 @@ class Jobs:
                 self._work(job)
             except DehystError as error:
                 job.text, job.state = str(error), "failed"
-            except Exception as error:  # whatever a child dies of
+            except Exception as error:  # any failure of the child
                 job.text, job.state = f"not possible: {error!r}"[:300], "failed"
 
     def _next(self, lane: tuple[Kind, ...]) -> Job | None:
@@ -189,7 +189,7 @@ class Jobs:
 
 
 def job_hears(job: Job, pipe: Connection) -> None:
-    """One message of the child."""
+    """Receive one message of the child and update the job. Raises NotNow if the child has ended."""
     try:
         said = msgspec.json.decode(pipe.recv_bytes(32 << 20))
     except EOFError:
@@ -207,7 +207,7 @@ def job_hears(job: Job, pipe: Connection) -> None:
 def work(
     kind: Kind, folder: str, file: str, settings: Mapping[str, Setting], pipe: Connection
 ) -> None:
-    """The child's whole life."""
+    """Run one job; this is the child's main function."""
     take_bounds(MEMORY_BYTES)
 
     def say(text: str, share: float = 0.0, state: str = "working", **result: Any) -> None:
@@ -230,12 +230,13 @@ def work(
 
 
 def with_reading(said: str, recordings: Sequence[Recording]) -> str:
-    """What was found, after how the file of another program was understood."""
+    """Return the result, preceded by how the file of another program was interpreted."""
     return "\n".join([*filter(None, [recordings[0].read]), said])
 
 
 def say_refusal(error: DehystError) -> str:
-    """A refusal in words; where it asks for options, the page has none."""
+    """Return the text of an error. If it asks for command-line options, which the page does not
+    have, it adds how to convert the file."""
     text = str(error)
     asks = any(option in text for option in ("--columns", "--rate", "--unit", "--time-unit"))
     more = "; dehyst convert with these options writes a file that needs none" if asks else ""
@@ -243,7 +244,7 @@ def say_refusal(error: DehystError) -> str:
 
 
 def identify_file(folder: Path, path: Path, _: Mapping[str, Setting], say: Any) -> dict[str, Any]:
-    """`dehyst identify` on one recording."""
+    """Run `dehyst identify` on one recording."""
     from dehyst.daemon.api.functions import identify
 
     found = identify(path, progress=say)
@@ -256,7 +257,7 @@ def identify_file(folder: Path, path: Path, _: Mapping[str, Setting], say: Any) 
 def diagnose_file(
     folder: Path, path: Path, settings: Mapping[str, Setting], say: Any
 ) -> dict[str, Any]:
-    """`dehyst diagnose` on one recording, about the model in use where there is one."""
+    """Run `dehyst diagnose` on one recording, relative to the model in use if there is one."""
     from dehyst.daemon.api.functions import diagnose
     from dehyst.models.modelfile import loads
 
@@ -269,7 +270,8 @@ def diagnose_file(
 def look_at_trajectory(
     folder: Path, path: Path, settings: Mapping[str, Setting], say: Any
 ) -> dict[str, Any]:
-    """Reach and slew of a trajectory before it is played, of each axis that it has columns for."""
+    """Check reach and slew rate of a trajectory before it is played, for each axis that it has
+    columns for. Raises BadInput."""
     from dehyst.daemon.files.trajectories import read_trajectories
 
     ways = read_trajectories(path, min_rows=2)
@@ -303,7 +305,8 @@ def look_at_trajectory(
 def look_at_axis(
     axis: str, ways: Mapping[str, Trajectory], settings: Mapping[str, Setting]
 ) -> dict[str, Any]:
-    """What one axis has to do, the others going their ways."""
+    """Compute the drive of one axis while the others follow their targets, and compare it with the
+    axis' limits."""
     from dehyst.daemon.api.functions import invert
     from dehyst.daemon.files.axis_columns import axis_column
     from dehyst.models.modelfile import loads
@@ -315,7 +318,7 @@ def look_at_axis(
         f"target_{setting.unit}": np.clip(way.target, low, high) + setting.origin,
     }
     for name, other in settings.items():
-        if name not in ("", axis):  # one that does not play stands somewhere: its middle
+        if name not in ("", axis):  # an axis without targets is assumed at the middle of its reach
             still = np.full(way.t_s.size, np.mean(other.reach))
             there = ways[name].target if name in ways else still
             columns[axis_column(name, other.unit)] = there + other.origin

@@ -1,4 +1,4 @@
-"""`/metrics`: what Prometheus asks for, from the newest status of every controller."""
+"""Prometheus metrics at `/metrics`, from the newest status of every controller."""
 
 import math
 from collections.abc import Iterator
@@ -22,13 +22,13 @@ QUANTILES = (("0.5", "p50"), ("0.99", "p99"), ("0.999", "p999"), ("1", "max"))
 
 
 class ControllerMetrics(Collector):
-    """Collects from the watches when it is asked."""
+    """Collect metrics from the watches on request."""
 
     def __init__(self, controllers: Controllers) -> None:
         self._controllers = controllers
 
     def collect(self) -> Iterator[Metric]:
-        """One family after the other, a sample a controller."""
+        """Yield the metric families, each with the samples of all controllers."""
         here = ["controller"]
         up = GaugeMetricFamily("dehyst_up", "1 if status arrives and the loop runs", labels=here)
         state = StateSetMetricFamily("dehyst_state", "State of the loop", labels=here)
@@ -91,12 +91,12 @@ class ControllerMetrics(Collector):
 
 
 def alive(watch: Watch) -> bool:
-    """Whether the controller is heard and its loop runs."""
+    """Return whether the controller's status arrives and its loop runs."""
     return watch.status is not None and watch.silent_s < SILENT_S and watch.status.core_alive
 
 
 def expose(controllers: Controllers, accept: str) -> tuple[bytes, str]:
-    """(body, content type) of one answer."""
+    """Return (body, content type) of one response."""
     registry = CollectorRegistry(auto_describe=False)
     registry.register(ControllerMetrics(controllers))
     encoder, content_type = choose_encoder(accept)

@@ -1,8 +1,8 @@
-"""Who may look and who may command: passwords, sessions, same origin. As on the bus: operators and
-observers; loopback alone asks for nothing, beyond it TLS and a password are asked for.
+"""Decide who may view and who may command: passwords, sessions, same origin.
 
-A request of another site's page is recognised by its Origin, and a name that was bent to this
-machine (DNS rebinding) by its Host: without passwords only this machine's own names are answered.
+As on the bus, there are operators and observers. Only on loopback is nothing required; elsewhere
+TLS and a password are. A request from another site's page is recognised by its Origin, and DNS
+rebinding by its Host: without passwords, only this machine's own names are accepted.
 """
 
 import base64
@@ -27,7 +27,7 @@ LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
 
 
 class TooManyGuesses(NotNow):
-    """This address gave too many wrong passwords. wait_s: until its next one is looked at."""
+    """This address sent too many wrong passwords. wait_s: time until its next one is checked."""
 
     def __init__(self, address: str, wait_s: float) -> None:
         self.wait_s = wait_s
@@ -38,20 +38,21 @@ class TooManyGuesses(NotNow):
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody at a browser; name "": anybody on this machine."""
+    """A user of the page; name "": anyone on this machine."""
 
     name: str
     role: Role
 
     @property
     def commands(self) -> bool:
-        """May move the stage."""
+        """Whether the person may move the stage."""
         return self.role == "operator"
 
 
 class People:
-    """Who is let in. passwords: file of name:password lines, "": everybody on this machine, as an
-    operator or, with observe, as an observer. Raises BadInput where names and file do not fit."""
+    """The users who are admitted. passwords: file of name:password lines, "": everyone on this
+    machine, as an operator or, with observe, as an observer. Raises BadInput if the names and the
+    file do not match."""
 
     def __init__(
         self,
@@ -80,8 +81,8 @@ class People:
         self._people = {n: (known[n], Person(n, role)) for n, role in roles.items()}
 
     def check(self, name: str, password: str, address: str) -> Person | None:
-        """The person with this password; None: there is none. Raises TooManyGuesses, whatever the
-        password is, where this address gave too many wrong ones."""
+        """Return the person with this name and password, or None. Raises TooManyGuesses, whether
+        the password is right or not, if this address sent too many wrong ones."""
         now_ns = clock.monotonic_ns()
         if wait_s := self._guesses.wait_s(address, now_ns):
             raise TooManyGuesses(address, wait_s)
@@ -93,7 +94,7 @@ class People:
         return None
 
     def begin(self, person: Person) -> str:
-        """A new session's token."""
+        """Begin a session and return its token."""
         now_ns = clock.monotonic_ns()
         self._sessions = {t: s for t, s in self._sessions.items() if s[1] > now_ns}
         while len(self._sessions) >= MOST_SESSIONS:
@@ -107,13 +108,13 @@ class People:
         self._sessions.pop(token, None)
 
     def lasts(self, token: str) -> bool:
-        """Whether a session goes on."""
+        """Return whether a session is valid."""
         _, until_ns = self._sessions.get(token, (None, 0))
         return until_ns > clock.monotonic_ns()
 
     def who(self, headers: Mapping[str, str], token: str, address: str) -> Person | None:
-        """Who asks: by session, or by name and password in the header (`curl -u`, Prometheus).
-        Raises TooManyGuesses."""
+        """Return who sent a request, identified by session or by name and password in the header
+        (`curl -u`, Prometheus); None: unknown. Raises TooManyGuesses."""
         if self.open:
             return self._everybody
         if self.lasts(token):
@@ -122,48 +123,48 @@ class People:
         if kind.lower() == "basic":
             try:
                 name, _, password = base64.b64decode(text, validate=True).decode().partition(":")
-            except ValueError:  # what is no text is wrong all the same
+            except ValueError:  # invalid text counts as a wrong guess
                 name = password = ""
             return self.check(name, password, address)
         if token or kind:
-            self.check("", "", address)  # a token that is unknown is a wrong guess
+            self.check("", "", address)  # an unknown token counts as a wrong guess
         return None
 
     def knows_host(self, host: str) -> bool:
-        """Whether a request's Host is one that this page may be called by."""
+        """Return whether a request's Host is a permitted name of this page."""
         return not self.open or host_name(host) in LOOPBACK_NAMES
 
 
 @dataclass(frozen=True)
 class Public:
-    """Where a reverse proxy serves the page. origin, path: "" without one."""
+    """The public address of the page at a reverse proxy. origin, path: "" without one."""
 
     origin: str = ""
     path: str = ""
 
     @classmethod
     def of(cls, url: str) -> "Public":
-        """Of `page.public_url`."""
+        """Return the public address of a `page.public_url`."""
         return cls(*split_public_url(url)) if url else cls()
 
     def called(self, headers: Mapping[str, str]) -> bool:
-        """Whether a request was made to this address: its Origin says so."""
+        """Return whether a request was made through this address, according to its Origin."""
         return bool(self.origin) and headers.get("origin", "").lower() == self.origin
 
     @property
     def host(self) -> str:
-        """Its host, without the port."""
+        """Host of the public address, without the port."""
         return host_name(self.origin.partition("://")[2])
 
 
 def host_name(host: str) -> str:
-    """A Host header without its port."""
+    """Return a Host header without its port, in lower case."""
     name, colon, port = host.rpartition(":")
     return name.lower() if colon and port.isdigit() else host.lower()
 
 
 def same_origin(headers: Mapping[str, str]) -> bool:
-    """Whether a request comes from this page itself: its Origin is the Host that it asks."""
+    """Return whether a request comes from this page itself: its Origin matches its Host."""
     origin, host = headers.get("origin", ""), headers.get("host", "")
     _, slashes, place = origin.partition("://")
     return bool(host and slashes) and place.lower() == host.lower()

@@ -1,4 +1,4 @@
-"""The page's server: static files, the WebSocket, uploads, metrics. ASGI: Starlette and uvicorn."""
+"""The page's server: static files, the WebSocket, uploads, metrics. Uses Starlette and uvicorn."""
 
 import asyncio
 import math
@@ -44,26 +44,26 @@ from dehyst.models.modelfile import dumps
 
 STATIC = Path(__file__).resolve().parent / "static"
 REPORT_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-"""A report is drawn from a stranger's file: it is shown, and nothing in it runs or loads."""
+"""A report is made from an untrusted file: it is displayed, but nothing in it may run or load."""
 MOST_VISITS, MOST_VISITS_OF_ONE = 256, 32
-"""WebSockets of all, of one address: some tabs on each of some screens."""
+"""Most WebSockets in total and per address: a few tabs on each of a few screens."""
 SMALL_BYTES, SMALL_S = 4096, 10.0
 STALLED_S = 10.0
-"""A body of which nothing comes for this long is given up."""
+"""A body is abandoned if nothing of it arrives for this long."""
 UPLOAD_S = 600.0
-"""A body that takes longer to come is given up: the largest file over 1 Mbit/s."""
+"""A body is abandoned if it takes longer: the time of the largest file over 1 Mbit/s."""
 
 
 @dataclass(frozen=True)
 class Tls:
-    """PEM files; "": without TLS."""
+    """Paths of PEM files; "": no TLS."""
 
     certificate: str = ""
     key: str = ""
 
 
 class Site:
-    """Answers requests."""
+    """Handle the requests of the page."""
 
     def __init__(self, controllers: Controllers, people: People, public: Public, tls: bool) -> None:
         self.controllers, self.people, self.public, self.tls = controllers, people, public, tls
@@ -71,7 +71,7 @@ class Site:
         self._visits: Counter[str] = Counter()
 
     def app(self) -> Starlette:
-        """The ASGI application."""
+        """Return the ASGI application."""
         routes = [
             Route("/", self.index),
             Mount("/static", StaticFiles(directory=STATIC)),
@@ -108,14 +108,15 @@ class Site:
             ticking.cancel()
             self.jobs.close()
 
-    # -- who ------------------------------------------------------------------------------------
+    # -- users ----------------------------------------------------------------------------------
 
     def _who(self, asked: HTTPConnection) -> Person | None:
         token = asked.cookies.get(COOKIE, "")
         return self.people.who(asked.headers, token, _address(asked))
 
     async def _unknown(self, request: Request, error: Exception) -> Response:
-        """A session that has ended is shown once, and not again with every request."""
+        """Answer 401, and delete the cookie of an ended session, so that it is not sent again with
+        every request."""
         assert isinstance(error, HTTPException)
         answer = PlainTextResponse(error.detail, 401, error.headers)
         if COOKIE in request.cookies and not self.people.lasts(request.cookies[COOKIE]):
@@ -124,7 +125,7 @@ class Site:
         return answer
 
     def _cookie_path(self, request: Request) -> str:
-        """Several pages behind one proxy have a session each."""
+        """Return the path of the cookie; pages that share a proxy thus have separate sessions."""
         return f"{self.public.path}/" if self.public.called(request.headers) else "/"
 
     def _known(self, asked: HTTPConnection, operator: bool = False) -> Person:
@@ -136,7 +137,7 @@ class Site:
         return person
 
     async def me(self, request: Request) -> Response:
-        """Who I am; whether a page that is shown at the origin `at` may command."""
+        """Return who the user is, and whether a page shown at the origin `at` may command."""
         person = self._known(request)
         shown_at = request.query_params.get("at", "")
         return JSONResponse(
@@ -155,7 +156,7 @@ class Site:
         )
 
     async def login(self, request: Request) -> Response:
-        """Name and password for a session."""
+        """Begin a session, given name and password."""
         try:
             body = await _body(request, SMALL_BYTES, SMALL_S)
             given = msgspec.json.decode(body, type=dict[str, str])
@@ -184,20 +185,20 @@ class Site:
         answer.delete_cookie(COOKIE, self._cookie_path(request))
         return answer
 
-    # -- what -----------------------------------------------------------------------------------
+    # -- content --------------------------------------------------------------------------------
 
     async def index(self, _: Request) -> Response:
-        """The page itself: no data in it."""
+        """Return the page itself, which contains no data."""
         return FileResponse(STATIC / "index.html")
 
     async def metrics(self, request: Request) -> Response:
-        """For Prometheus."""
+        """Return the metrics for Prometheus."""
         self._known(request)
         body, content_type = metrics.expose(self.controllers, request.headers.get("accept", ""))
         return Response(body, headers={"content-type": content_type})
 
     async def stream(self, socket: WebSocket) -> None:
-        """One browser."""
+        """Serve the WebSocket of one browser."""
         address = origin_of(_address(socket))
         person = self._who(socket)
         if person is None:
@@ -227,7 +228,7 @@ class Site:
                 del self._visits[address]
 
     async def upload(self, request: Request) -> Response:
-        """A file to look at; the job that does it."""
+        """Receive a file and return the job that processes it."""
         self._known(request, operator=True)
         kind = request.path_params["kind"]
         if kind not in KINDS:
@@ -242,7 +243,8 @@ class Site:
         return JSONResponse(self.jobs.add(kind, file, data, settings, controller).describe())
 
     def _settings(self, watch: Watch) -> dict[str, Setting]:
-        """Of the axis that is shown, as "", and of all axes of its controller by name."""
+        """Return the settings of the shown axis, as "", and of all axes of its controller by
+        name."""
         found = {"": setting_wanted(watch)}
         if len(watch.axes) > 1:
             found |= {one.axis: setting_wanted(one) for one in self.controllers.of_one(watch)}
@@ -256,11 +258,11 @@ class Site:
         return job
 
     async def job(self, request: Request) -> Response:
-        """How far a job is."""
+        """Return the state of a job."""
         return Response(msgspec.json.encode(self._job(request).describe()), media_type=JSON)
 
     async def job_file(self, request: Request) -> Response:
-        """The report or the model that a job made."""
+        """Return the report or the model that a job made."""
         job, what = self._job(request), request.path_params["what"]
         said = job.describe()
         if what == "report" and said["report"]:
@@ -272,7 +274,7 @@ class Site:
         raise HTTPException(404, "there is none")
 
     async def doctor(self, request: Request) -> Response:
-        """The doctor's report on a case."""
+        """Return the doctor's report on a case."""
         self._known(request)
         watch = self.controllers.watches.get(request.path_params["controller"])
         case = request.path_params["case"]
@@ -287,7 +289,7 @@ JSON = "application/json"
 
 
 def setting_wanted(watch: Watch) -> Setting | None:
-    """What a look at a trajectory needs; None: not known yet."""
+    """Return the settings that the check of a trajectory needs; None: not known yet."""
     model, config, status = watch.model, watch.config, watch.status
     if model is None or config is None or status is None:
         return None
@@ -311,7 +313,7 @@ def _address(asked: HTTPConnection) -> str:
 
 
 async def _body(request: Request, most: int, within_s: float) -> bytes:
-    """The body, with bounds of size and time that are held while it comes."""
+    """Return the body. Its size and time are limited while it arrives."""
     parts: list[bytes] = []
     size = 0
     stream = aiter(request.stream())
@@ -345,11 +347,11 @@ async def _say_why(_: Request, error: Exception) -> Response:
 
 
 class Server(uvicorn.Server):
-    """Ends at a signal, and leaves the process to end as it likes."""
+    """Ends at a signal, but leaves it to the caller how the process ends."""
 
     @contextmanager
     def capture_signals(self) -> Generator[None]:
-        """Without sending the signal again afterwards."""
+        """Handle the signals without raising them again afterwards, as uvicorn would."""
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self.handle_exit)
         yield
@@ -358,7 +360,7 @@ class Server(uvicorn.Server):
 def serve_page(
     controllers: Controllers, people: People, door: socket.socket, tls: Tls, public: Public
 ) -> int:
-    """Until SIGTERM or SIGINT, on a socket that listens; exit code."""
+    """Serve until SIGTERM or SIGINT on a listening socket, and return the exit code."""
     site = Site(controllers, people, public, bool(tls.certificate))
     options: dict[str, Any] = {}
     if tls.certificate:
@@ -371,7 +373,7 @@ def serve_page(
         log_level="error",
         access_log=False,
         server_header=False,
-        # who asks, by a proxy on this machine; without one anybody here could choose an address
+        # client address as given by a proxy on this machine; without a proxy it could be forged
         proxy_headers=bool(public.origin),
         forwarded_allow_ips="127.0.0.1,::1",
         backlog=BACKLOG,

@@ -1,7 +1,7 @@
-"""Where an axis was, thinned for a picture of its path in the plane. Pure.
+"""Past positions of an axis, decimated for drawing its path in the plane. Pure.
 
-One point in each POINT_NS of the loop's clock, the newest KEPT of them: axes of one loop are
-sampled at the same moments, so that points of the same number belong together.
+Keeps one point per POINT_NS of the loop's clock, the newest KEPT of them. Axes of one loop are
+sampled at the same times, so that points with equal numbers belong together.
 """
 
 from typing import Any, NamedTuple
@@ -31,7 +31,7 @@ class Trail:
         self._piece = NOTHING
 
     def add(self, samples: NDArray[Any]) -> None:
-        """Take (n,) TELEMETRY records, ascending. A clock that began anew begins the trail anew."""
+        """Add (n,) TELEMETRY records, ascending. If the clock was restarted, so is the trail."""
         number = samples["scheduled_ns"] // POINT_NS
         held = self._piece
         if held.number.size and number.size and number[-1] < held.number[0]:
@@ -46,14 +46,14 @@ class Trail:
         )
 
     def since(self, number: int) -> TrailPoints:
-        """The points behind this number."""
+        """Return the points after this number."""
         start = int(np.searchsorted(self._piece.number, number, side="right"))
         held = self._piece
         return TrailPoints(held.number[start:], held.target[start:], held.measured[start:])
 
 
 def join_trails(pieces: list[TrailPoints]) -> list[TrailPoints]:
-    """The points that all of these axes have, side by side."""
+    """Return, for each axis, the points that all of these axes have in common."""
     if not pieces:
         return []
     common = pieces[0].number

@@ -1,7 +1,7 @@
-"""One browser's WebSocket: what it looks at, what it commands, what it hears.
+"""Serve one browser's WebSocket: the view it shows, its commands, the messages to it.
 
-Every TICK_S a visit gets what has been finished since it was last served. Visits that look at the
-same thing share the bytes. A browser that reads slowly waits alone, and gets more at once later.
+Every TICK_S a visit is sent the data completed since it was last served. Visits with the same view
+share the encoded bytes. A slow browser delays only itself, and receives more at once later.
 """
 
 import asyncio
@@ -25,12 +25,12 @@ from dehyst.models.errors import BadInput, DehystError
 STATUS_TICKS, BEAT_TICKS = 5, 10
 MOST_WAITING = 100
 MOST_A_TICK = 50
-"""Messages of one browser; a person gives a few a second."""
+"""Most messages handled per browser and tick; a person sends a few per second."""
 STOPPED, RELEASED = "stopped: holding, then to the safe voltage", "released: to the safe voltage"
 
 
 class Ticks:
-    """Wakes all visits together, and keeps what they share for one tick."""
+    """Wake all visits together, and cache for one tick what they share."""
 
     def __init__(self) -> None:
         self.number = 0
@@ -38,7 +38,7 @@ class Ticks:
         self._shared: dict[Any, Any] = {}
 
     async def run(self) -> None:
-        """For ever."""
+        """Tick until cancelled."""
         while True:
             await asyncio.sleep(TICK_S)
             self.number += 1
@@ -49,19 +49,19 @@ class Ticks:
             event.set()
 
     async def next(self) -> int:
-        """The number of the next tick, when it comes."""
+        """Wait for the next tick and return its number."""
         await self._event.wait()
         return self.number
 
     def share(self, key: Any, make: Callable[[], Any]) -> Any:
-        """What `make` gives, made once a tick."""
+        """Return the result of `make`, called at most once per tick and key."""
         if key not in self._shared:
             self._shared[key] = make()
         return self._shared[key]
 
 
 class Visit:
-    """One WebSocket. person: who it is; lasts: whether the session that opened it goes on."""
+    """One WebSocket. person: the user; lasts: whether the session that opened it is still valid."""
 
     def __init__(
         self,
@@ -84,7 +84,7 @@ class Visit:
         self._loop = asyncio.get_running_loop()
 
     async def run(self) -> None:
-        """Until the browser goes, or its session ends."""
+        """Serve until the browser disconnects or its session ends."""
         tasks = [asyncio.create_task(each()) for each in (self._serve, self._hear, self._last)]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -169,7 +169,7 @@ class Visit:
             await self.socket.send_text(message)
 
     def say(self, text: str, wrong: bool = False) -> None:
-        """Tell this person something; from any thread."""
+        """Send this person a text, from any thread; wrong: it is an error."""
         message = wire.encode_view("said", text=text, wrong=wrong)
 
         def put() -> None:
@@ -193,7 +193,7 @@ class Visit:
                 self.say(str(error), True)
             heard = heard + 1 if tick == self.ticks.number else 1
             tick = self.ticks.number
-            if heard >= MOST_A_TICK:  # who says more is heard later
+            if heard >= MOST_A_TICK:  # the rest is read in the next tick
                 await self.ticks.next()
 
     async def _do(self, ask: wire.Ask) -> None:
@@ -206,7 +206,7 @@ class Visit:
         if watch is None:
             raise BadInput("no controller is chosen, or it is no longer known")
         if isinstance(ask, wire.Past):
-            self._past = ask  # the newest counts
+            self._past = ask  # replaces an earlier request
             return
         if not self.person.commands:
             raise BadInput("an observer may view, not command")
@@ -236,7 +236,8 @@ class Visit:
             self._play(watch, commander, ask)
 
     def _axis(self, watch: Watch, name: str) -> Watch:
-        """An axis of the controller that is shown, by its name on the bus."""
+        """Return an axis of the shown controller by its name on the bus; "": the shown axis.
+        Raises BadInput."""
         for one in self.controllers.of_one(watch):
             if name in ("", one.name):
                 return one if name else watch

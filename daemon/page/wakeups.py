@@ -1,4 +1,4 @@
-"""How late the loop woke, as a histogram over the last minute. Pure."""
+"""Histogram of the loop's wake-up lateness over the last minute. Pure."""
 
 from collections import deque
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 PER_OCTAVE, BINS = 2, 40
-"""Bins of half an octave from 1 us to 1 s; the first and the last hold what is beyond."""
+"""Bins of half an octave from 1 us to 1 s; the first and the last include all values beyond."""
 KEPT_S = 60
 
 
@@ -19,7 +19,7 @@ class Wakeups:
         self._second = -1
 
     def add(self, samples: NDArray[Any]) -> None:
-        """Take (n,) TELEMETRY records."""
+        """Count the lateness of (n,) TELEMETRY records."""
         if not samples.size:
             return
         second = int(samples["scheduled_ns"][-1]) // 1_000_000_000
@@ -31,10 +31,10 @@ class Wakeups:
         self._seconds[-1] += np.bincount(np.minimum(bins, BINS - 1), minlength=BINS)
 
     def counts(self) -> list[int]:
-        """(BINS,) samples by lateness."""
+        """Return (BINS,) numbers of samples by lateness."""
         return [int(n) for n in sum(self._seconds, np.zeros(BINS, np.int64))]
 
 
 def edges_us() -> list[float]:
-    """(BINS,) lower edge of each bin."""
+    """Return (BINS,) the lower edge of each bin [us]."""
     return [float(2.0 ** (i / PER_OCTAVE)) for i in range(BINS)]

@@ -1,8 +1,8 @@
-"""The controllers that the page shows: found on the bus, each followed by a thread of its own.
+"""Find the controllers on the bus that the page shows, and follow each in a separate thread.
 
-A thread asks for what has arrived ten times a second and keeps it for every browser that looks:
-buckets for the plots, the histogram of wake-ups, status, events, the model. Nothing here commands,
-but for `stop` and `release`, which need no lease and are for everybody who may command.
+A thread reads new data ten times a second and keeps them for all browsers: buckets for the plots,
+the histogram of wake-ups, status, events, the model. It sends no commands except `stop` and
+`release`, which need no lease and are open to everyone who may command, and decisions on offers.
 """
 
 import logging
@@ -34,21 +34,21 @@ FIND_S = 2.0
 MOST_CONTROLLERS = 64
 EVENTS, HEALTHS, REPORTS = 200, 600, 10
 PAST_SAMPLES, PAST_S = 60_000, 60.0
-"""What is fetched from the daemon's history, so that the page does not begin empty."""
+"""Limits of what is fetched from the daemon's history, so that the page does not start empty."""
 MODEL_S = 10.0
 CLOSE_S = 5.0
 
 
 def note_health(healths: deque[tuple[float, float]], status: Status) -> None:
-    """(wall clock [s], health) behind those before. A gateway whose loop has said nothing yet has
-    no time to say, and one whose loop is silent says the same time again."""
+    """Append (wall clock [s], health) to `healths`, if new. The time is 0 until the loop has
+    reported once, and does not change while the loop is silent."""
     at_s = status.wall_ns * 1e-9
     if at_s > 0.0 and not (healths and healths[-1][0] == at_s):
         healths.append((at_s, status.gateway.health))
 
 
 class Watch:
-    """One controller. `status`, `config`, `model`: None as long as nothing came; problem: why."""
+    """Follow one controller. `status`, `config`, `model`: None until received; problem: why."""
 
     def __init__(self, address: str, base: str, name: str, credentials: str) -> None:
         self.address, self.base, self.name, self.credentials = address, base, name, credentials
@@ -64,9 +64,9 @@ class Watch:
         self.wall_offset_ns = 0
         self.events: deque[tuple[int, dict[str, Any]]] = deque(maxlen=EVENTS)
         self.healths: deque[tuple[float, float]] = deque(maxlen=HEALTHS)
-        self.doctor: dict[str, DoctorReport] = {}  # by case, the oldest first
-        self.changes = 0  # of model and configuration
-        self.findings = 0  # changes of what the doctor says
+        self.doctor: dict[str, DoctorReport] = {}  # by case, oldest first
+        self.changes = 0  # number of changes of model and configuration
+        self.findings = 0  # number of changes of the doctor's reports
         self._heard = 0
         self._errors: deque[tuple[float, float, int]] = deque(maxlen=round(1.0 / TICK_S))
         self._client: Client | None = None
@@ -75,16 +75,16 @@ class Watch:
         self.thread.start()
 
     def close(self) -> None:
-        """Let the thread end the connection."""
+        """Ask the thread to end the connection."""
         self._stop.set()
 
     @property
     def silent_s(self) -> float:
-        """So long no status has come."""
+        """Time since the last status [s]."""
         return (clock.monotonic_ns() - self.status_at_ns) / clock.NS if self.status_at_ns else 1e9
 
     def error(self) -> tuple[float, float]:
-        """(rms, largest) of measured minus target over the last second; NaN without targets."""
+        """Return (rms, largest) of measured minus target over the last second; NaN without one."""
         parts = list(self._errors)
         count = sum(n for _, _, n in parts)
         if not count:
@@ -93,12 +93,12 @@ class Watch:
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Names of all axes of its controller; empty where it has one alone."""
+        """Names of all axes of the controller; empty if it has only one."""
         return self.status.gateway.axes if self.status is not None else ()
 
     @property
     def axis(self) -> str:
-        """Its short name among these, such as x; empty where it is alone."""
+        """Short name of this axis, such as x; empty if it is the only one."""
         if self.status is None or len(self.axes) < 2:
             return ""
         return self.name.removeprefix(f"{self.status.gateway.controller}-")
@@ -118,7 +118,7 @@ class Watch:
         self._client.decide_offer(action, number)
 
     def is_cut_by(self, number: int) -> bool:
-        """Whether the trajectory in play may leave the reach of the offered model."""
+        """Return whether the playing trajectory may leave the reach of the offered model."""
         offers = [one.offer for one in self.doctor.values() if one.offer is not None]
         status = self.status
         return status is not None and any(
@@ -126,7 +126,7 @@ class Watch:
         )
 
     def doctor_page(self, case: str) -> bytes:
-        """The doctor's report on a case. Raises BusError."""
+        """Return the doctor's report on a case. Raises BusError."""
         if self._client is None:
             raise BusError(f"{self.name} cannot be reached: {self.problem}")
         return self._client.doctor_page(case)
@@ -170,7 +170,7 @@ class Watch:
             self._take_words(feed.events, feed.rejections)
             while feed.doctor:
                 self._take_doctor((feed.doctor.popleft(),))
-                asked_ns = 0  # the model may be another one now
+                asked_ns = 0  # the model may have changed
             now_ns = clock.monotonic_ns()
             status = self.status
             if status is not None and (
@@ -180,7 +180,7 @@ class Watch:
                 self._ask(client)
 
     def _ask(self, client: Client) -> None:
-        """Model and configuration in force."""
+        """Request the model and configuration in use."""
         client.patience_s = 0.0
         try:
             model, config = client.model(), client.config()
@@ -228,14 +228,14 @@ class Watch:
 
     def _add_event(self, wall_ns: int, level: int, code: str, text: str) -> None:
         said = {"wall_s": wall_ns * 1e-9, "level": level, "code": code, "text": text}
-        if all(said != before for _, before in self.events):  # kept by the daemon and heard
+        if all(said != before for _, before in self.events):  # may come by history and by feed
             self._heard += 1
             self.events.append((self._heard, said))
 
 
 class Controllers:
-    """All controllers at the given addresses, each axis by its name; new ones are found while it
-    runs."""
+    """All controllers at the given addresses, each axis by its name; new ones are found while the
+    server runs."""
 
     def __init__(
         self, addresses: Sequence[str], base: str, name: str | None, credentials: str
@@ -253,12 +253,12 @@ class Controllers:
             thread.start()
 
     def of_one(self, watch: Watch) -> list[Watch]:
-        """All axes of this one's controller that are known, in its order."""
+        """Return all known axes of this axis' controller, in the controller's order."""
         names = watch.axes or (watch.name,)
         return [self.watches[name] for name in names if name in self.watches]
 
     def close(self) -> None:
-        """End all connections; one that does not end within CLOSE_S is left: nobody answers."""
+        """End all connections. One that does not end within CLOSE_S is abandoned."""
         self._stop.set()
         watches = list(self.watches.values())
         for watch in watches:

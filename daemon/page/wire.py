@@ -1,10 +1,9 @@
-"""What server and browser say to each other over the WebSocket.
+"""The messages between server and browser over the WebSocket.
 
-The browser asks in JSON, strictly checked. The server answers in JSON with a `kind`, and sends
-plots as binary frames, little-endian: magic u32, n u32, anew u32, level u32, time of bucket 0 of
-the frame [s, monotonic] f64, a bucket's length [s] f64, wall clock minus monotonic clock [s] f64,
-then n offsets in buckets i32, then for each signal of dehyst.daemon.page.buckets n least and n
-largest values f32.
+The browser sends strictly checked JSON. The server sends JSON with a `kind`, and plots as binary
+frames, little-endian: magic u32, n u32, anew u32, level u32, time of bucket 0 of the frame [s,
+monotonic] f64, length of a bucket [s] f64, wall clock minus monotonic clock [s] f64, then n offsets
+in buckets i32, then for each signal of dehyst.daemon.page.buckets n least and n largest values f32.
 """
 
 import struct
@@ -28,7 +27,7 @@ from dehyst.models.model import Model
 from dehyst.models.units import spell_unit
 
 PROTOCOL = 1
-"""Of this WebSocket, for programs (docs/websocket.md): it rises when a change breaks readers."""
+"""Version of the WebSocket protocol (docs/websocket.md), raised by changes that break clients."""
 MAGIC_LIVE, MAGIC_PAST = 0x31504844, 0x32504844
 MOST_REPORTS, LOOP_POINTS = 10, 61
 Name = Annotated[str, Meta(max_length=64)]
@@ -40,7 +39,7 @@ class _Ask(msgspec.Struct, tag_field="ask", forbid_unknown_fields=True, frozen=T
 
 
 class Look(_Ask, tag="look", frozen=True):
-    """Show this controller, over so many seconds on so many pixels."""
+    """Show this controller: the last window_s [s] on width_px pixels."""
 
     name: Name
     window_s: Annotated[float, Meta(ge=0.1, le=3600)]
@@ -48,7 +47,7 @@ class Look(_Ask, tag="look", frozen=True):
 
 
 class Past(_Ask, tag="past", frozen=True):
-    """Show a stretch of the past once, in monotonic seconds, as fine as it is still kept."""
+    """Show a past interval once, in monotonic seconds, at the finest resolution still kept."""
 
     first_s: Annotated[float, Meta(ge=0, le=1e12)]
     end_s: Annotated[float, Meta(ge=0, le=1e12)]
@@ -56,17 +55,17 @@ class Past(_Ask, tag="past", frozen=True):
 
 
 class Go(_Ask, tag="go", frozen=True):
-    """Go to a set-point and stay."""
+    """Go to a set-point and stay there for `seconds`."""
 
     value: float
     seconds: Seconds
     take_over: bool = False
     name: str = ""
-    """Which axis of the controller that is shown; empty: the one that is."""
+    """Axis of the shown controller, by its name on the bus; empty: the shown axis."""
 
 
 class HoldAsked(_Ask, tag="hold", frozen=True):
-    """Stay at the present target; everywhere: all axes of the controller."""
+    """Stay at the present target for `seconds`; everywhere: all axes of the controller."""
 
     seconds: Seconds
     take_over: bool = False
@@ -74,7 +73,7 @@ class HoldAsked(_Ask, tag="hold", frozen=True):
 
 
 class Play(_Ask, tag="play", frozen=True):
-    """Play a trajectory that was uploaded and looked at."""
+    """Play a trajectory that was uploaded and checked."""
 
     job: Name
     take_over: bool = False
@@ -87,8 +86,8 @@ class Stop(_Ask, tag="stop", frozen=True):
 
 
 class DecideOffer(_Ask, tag="decide", frozen=True):
-    """Accept or reject the doctor's offer of this number (text: a browser's numbers are too
-    short). confirmed: also where the trajectory in play may leave the new reach."""
+    """Accept or reject the doctor's offer with this number (text, since a browser's numbers have
+    too few bits). confirmed: also if the playing trajectory may leave the new reach."""
 
     action: Literal["accept", "reject"]
     offer: Annotated[str, Meta(pattern=r"^[0-9]{1,19}$")]
@@ -100,7 +99,7 @@ ASK: msgspec.json.Decoder[Ask] = msgspec.json.Decoder(Ask)
 
 
 def read_ask(message: Mapping[str, Any]) -> Ask:
-    """What a message of a browser asks for. BadInput where it asks for nothing that there is."""
+    """Decode a message of a browser. Raises BadInput if it is not a known request."""
     text = message.get("text")
     if text is None:
         raise BadInput("not understood: a message must be text")
@@ -115,7 +114,7 @@ def read_ask(message: Mapping[str, Any]) -> Ask:
 def plot_frame(
     piece: BucketPiece, level: int, wall_offset_ns: int, magic: int = MAGIC_LIVE
 ) -> bytes:
-    """A binary frame."""
+    """Return a binary frame."""
     bucket_s = (FINEST_NS << level) * 1e-9
     first = int(piece.number[0]) if piece.number.size else 0
     times = first * bucket_s, bucket_s, wall_offset_ns * 1e-9
@@ -126,12 +125,12 @@ def plot_frame(
 
 
 def encode_view(kind: str, **fields: Any) -> str:
-    """A JSON message; NaN becomes null."""
+    """Return a JSON message; NaN becomes null."""
     return msgspec.json.encode({"kind": kind, **fields}).decode()
 
 
 def describe_controllers(controllers: Controllers) -> str:
-    """Which controllers there are, and what keeps others away."""
+    """Return the message with the known controllers, and why others cannot be reached."""
     return encode_view(
         "controllers",
         protocol=PROTOCOL,
@@ -142,7 +141,7 @@ def describe_controllers(controllers: Controllers) -> str:
 
 
 def describe_status(watch: Watch) -> str:
-    """Everything about one controller that has a present value."""
+    """Return the message with all present values of one controller."""
     with watch.lock:
         wakeups, newest_ns = watch.wakeups.counts(), watch.buckets.newest_ns
     newest = watch.newest
@@ -171,8 +170,8 @@ def describe_status(watch: Watch) -> str:
 
 
 def describe_axes(axes: Sequence[Watch], path: int) -> tuple[str, int]:
-    """All axes of a controller, and their way since the point of the number `path`; the number of
-    the newest point."""
+    """Return the message with all axes of a controller and their paths since point number `path`,
+    and the number of the newest point."""
     pieces = []
     for watch in axes:
         with watch.lock:
@@ -194,7 +193,7 @@ def describe_axes(axes: Sequence[Watch], path: int) -> tuple[str, int]:
 
 
 def _state(watch: Watch) -> str:
-    """What the loop does, in one word; what is not heard is not said."""
+    """Return the state of the loop in a word or two; "silent" without a recent status."""
     status = watch.status
     if status is None or watch.silent_s > 3.0:
         return "silent"
@@ -223,8 +222,8 @@ def _axis(watch: Watch) -> dict[str, Any]:
 
 
 def encode_doctor_reports(watch: Watch) -> str:
-    """What the doctor found, the newest last; numbers of offers as text, and what accepting one
-    changes (`change`)."""
+    """Return the message with the doctor's reports, newest last. Numbers of offers are text, and
+    `change` describes what accepting an offer changes."""
     reports = []
     for one in watch.doctor.values():
         plain = msgspec.to_builtins(one)
@@ -237,7 +236,7 @@ def encode_doctor_reports(watch: Watch) -> str:
 
 
 def describe_model(watch: Watch) -> str:
-    """The model that the loop runs, and the limits that the page needs."""
+    """Return the message with the model in use, and the limits that the page needs."""
     model, config = watch.model, watch.config
     return encode_view(
         "model",
@@ -250,7 +249,8 @@ def describe_model(watch: Watch) -> str:
 
 
 def loops_for_picture(model: Model) -> dict[str, list[float]]:
-    """The model's loops, full and of half the range about the middle, slow: for a picture."""
+    """Return the model's slow loops for a picture: over the full range, and over half the range
+    about its middle."""
     v = model.validity
     middle, half = 0.5 * (v.drive_min + v.drive_max), 0.5 * (v.drive_max - v.drive_min)
     phase = np.linspace(0.0, 2.0 * np.pi, LOOP_POINTS)

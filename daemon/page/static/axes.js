@@ -1,11 +1,11 @@
-// All axes of a controller: a line for each, and the path in the plane of two of them.
+// All axes of a controller: one row per axis, and the path in the plane of two of them.
 "use strict";
 import { decimals, fixed } from "./now.js";
 import { colour, number, rem, unitName } from "./plot.js";
 
 const $ = (id) => document.getElementById(id);
-const margin = () => 2.6 * rem(); // of the picture [px]
-const LEAST = 0.1; // smallest span of a picture, of the reach: noise at rest stays small
+const margin = () => 2.6 * rem(); // around the picture [px]
+const LEAST = 0.1; // least span of a picture, of the reach, so that noise at rest stays small
 
 export class Axes {
   constructor(page, plots, choose) {
@@ -21,7 +21,7 @@ export class Axes {
     new ResizeObserver(() => this.draw()).observe($("plane"));
   }
 
-  // Another axis was chosen; one of another controller begins everything anew.
+  // Another axis was chosen; if it belongs to another controller, discard everything.
   choose(name) {
     if (this.said && this.said.axes.some((a) => a.name === name)) { this.list(); return; }
     this.said = null;
@@ -32,13 +32,13 @@ export class Axes {
     $("main").classList.remove("several");
   }
 
-  // Target, reading and reach of an axis, by its name on the bus.
+  // Return target, reading and reach of an axis by its name on the bus.
   place(name) {
     const a = this.said && this.said.axes.find((one) => one.name === name);
     return a && a.reach ? [a.target, a.measured, a.reach] : [null, null, [0, 0]];
   }
 
-  // Names on the bus of the axes that the arrows move: across, up, and the one that is left.
+  // Return the bus names of the axes that the keys move: horizontal, vertical, the remaining one.
   moved() {
     const by = (short) => this.said.axes.find((a) => (a.axis || a.name) === short);
     const across = by($("plane-x").value), up = by($("plane-y").value);
@@ -137,7 +137,7 @@ export class Axes {
     grid(draw, at, $("plane-x").value, $("plane-y").value, this.said.axes[0].unit || "");
   }
 
-  // A field for each axis, so that all go at once; those that are empty stay.
+  // Make one field per axis, so that all move at once; an axis with an empty field stays.
   fields() {
     $("axes-targets").replaceChildren(...this.said.axes.map((a) => {
       const label = document.createElement("label"), field = document.createElement("input");
@@ -165,7 +165,7 @@ export class Axes {
   }
 }
 
-// A path that is to be played, in the plane of two axes: names, [x], [y], unit.
+// Draw a path to be played in the plane of two axes: names, [x], [y], unit.
 export function drawPath(canvas, [right, up], x, y, unit) {
   const dense = window.devicePixelRatio || 1, size = canvas.clientWidth;
   if (!size) return;
@@ -194,13 +194,13 @@ function grid(draw, { x0, y0, span, px, py, size }, right, up, unit) {
   draw.textAlign = "right";
   for (let y = step * Math.ceil(y0 / step); y <= y0 + span; y += step) {
     line(draw, px(x0), py(y), px(x0 + span), py(y));
-    if (py(y) > 1.4 * rem()) draw.fillText(number(y, 3), px(x0) - 5, py(y) + 4); // above is the name
+    if (py(y) > 1.4 * rem()) draw.fillText(number(y, 3), px(x0) - 5, py(y) + 4); // the name is above
   }
   draw.textAlign = "left";
   draw.fillText(`${up}, ${unitName(unit)}`, 4, 0.7 * rem());
 }
 
-// The square that holds all of it: [left, bottom, side]; smallest: its least side.
+// Return the square that contains all points: [left, bottom, side]; smallest: its least side.
 function bounds(right, up, smallest) {
   const one = (way) => {
     let least = Infinity, most = -Infinity;

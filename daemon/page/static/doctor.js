@@ -1,4 +1,4 @@
-// What the doctor found, its offer, and the loop of the model in use. Text stays text.
+// The doctor's findings, its offer, and the loop of the model in use. Text is never markup.
 "use strict";
 import { fillList } from "./files.js";
 import { clockTime, number, pretty, unitName } from "./plot.js";
@@ -29,7 +29,7 @@ export class Doctor {
     this.show();
   }
 
-  // what accepting would cut: the operator decides
+  // accepting would cut a trajectory: the operator decides
   question(said) {
     this.asked = said.offer;
     $("question-text").textContent = `${said.text}. Points beyond it are played at the nearest position and flagged.`;

@@ -1,12 +1,12 @@
-// A file that is dropped: a trajectory to look at before it is played, a recording to identify or
-// diagnose. The server's process does the work; this asks how far it is.
+// Dropped files: a trajectory to check before it is played, a recording to identify or diagnose.
+// A process of the server does the work; this polls its progress.
 "use strict";
 import { drawPath } from "./axes.js";
 import { drawStill, number, pretty, rem, unitName } from "./plot.js";
 
 const $ = (id) => document.getElementById(id);
 const POLL_MS = 700;
-const EARLIER = 6; // of the twelve files that the server keeps
+const EARLIER = 6; // number of earlier results shown; the server keeps twelve files
 
 export function fillList(list, rows) {
   list.replaceChildren(...rows.flatMap(([term, text]) => {
@@ -21,16 +21,16 @@ export class Files {
   constructor(page) {
     this.page = page; // controller(), ask(), say(), operator
     this.file = null;
-    this.turn = 0; // counts what is asked for: an answer to an earlier question is not shown
+    this.turn = 0; // counts requests, so that a late answer to an earlier one is not shown
     this.checked = null; // the trajectory whose preview is shown
-    this.shown = null; // the recording of which it is shown what was found
+    this.shown = null; // the recording whose result is shown
     const drop = $("drop");
     for (const kind of ["dragover", "dragenter"]) {
       drop.addEventListener(kind, (e) => { e.preventDefault(); drop.classList.add("over"); });
     }
     for (const kind of ["dragleave", "drop"]) drop.addEventListener(kind, () => drop.classList.remove("over"));
     drop.addEventListener("drop", (e) => { e.preventDefault(); this.take(e.dataTransfer.files[0]); });
-    // a file that misses its place must not replace the page
+    // a file dropped elsewhere must not replace the page
     for (const kind of ["dragover", "drop"]) window.addEventListener(kind, (e) => e.preventDefault());
     $("file").addEventListener("change", () => this.take($("file").files[0]));
     for (const kind of ["trajectory", "identify", "diagnose"]) {
@@ -54,8 +54,8 @@ export class Files {
     }
   }
 
-  // Whatever was found about another file, or for another controller, goes: what was found of a
-  // recording to the list of earlier ones.
+  // Remove the result for another file or another controller; the result of a recording moves to
+  // the list of earlier ones.
   clear(text) {
     this.turn += 1;
     this.checked = null;
@@ -68,7 +68,7 @@ export class Files {
     return this.turn;
   }
 
-  // Another controller is shown: a preview holds for the one that it was made for.
+  // Another controller is shown: a preview is valid only for the controller it was made for.
   choose(names) {
     if (this.checked && !names.includes(this.checked.controller)) {
       this.clear(this.file ? `${this.file.name}: check it again for ${this.page.controller()}` : "");
@@ -113,7 +113,7 @@ export class Files {
     }
   }
 
-  // What was found of an earlier recording stays at hand, below the file that is shown.
+  // Keep the result of an earlier recording in the list below the present file.
   keep(job) {
     if (!job || job.kind === "trajectory" || job.state !== "done") return;
     const one = document.createElement("details"), said = document.createElement("pre");
@@ -170,7 +170,7 @@ export class Files {
     $("play").disabled = r.outside > 0 || !this.page.operator;
   }
 
-  // Reach and slew of the only axis, a line for each.
+  // Reach and slew rate of the only axis, one line each.
   figures(r) {
     const unit = unitName(this.page.unit());
     return [
@@ -181,7 +181,7 @@ export class Files {
     ];
   }
 
-  // Of one axis of several, in two lines.
+  // Reach and slew rate of one of several axes, in two lines.
   shortly(r, name) {
     const unit = unitName(this.page.unit());
     return [
@@ -195,7 +195,7 @@ const within = (r, unit) => (r.outside === 0 ? "inside"
   : `${number(100 * r.outside, 3)} % of the points are outside ${number(r.reach[0])} to ${number(r.reach[1])} ${unit}: it cannot be played`);
 const slowed = (r) => (r.too_fast === 0 ? "never limited" : `the limit slows it for ${number(100 * r.too_fast, 2)} % of the time`);
 
-// The JSON of an answer; an error with the server's words.
+// Return the JSON of a response, or throw an error with the server's text.
 async function answered(asked) {
   const answer = await asked;
   if (!answer.ok) throw new Error(pretty(await reason(answer)));

@@ -1,13 +1,14 @@
-// The keyboard. Space and Escape stop whatever has the focus; Enter presses a button.
+// The keyboard. Escape stops the stage, and so does Space unless it operates the focused list,
+// check box, file field or link; Enter presses a button.
 "use strict";
 
 const $ = (id) => document.getElementById(id);
-const REPEAT_MS = 100; // of a key that is held down
+const REPEAT_MS = 100; // shortest interval of steps while a key is held down
 const ARROWS = {
   ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowUp: [1, 1], ArrowDown: [1, -1], PageUp: [2, 1], PageDown: [2, -1],
 };
 
-// page: operator, name, axes, now; does: what the keys do, by name.
+// page: operator, name, axes, now; does: the keys' actions by name.
 export function watchKeys(page, does) {
   let stepped = 0;
 
@@ -37,6 +38,6 @@ export function watchKeys(page, does) {
     else if (e.key === "h" && page.operator) does.hold();
     else if (e.key >= "1" && e.key <= "9") does.show(Number(e.key) - 1);
   });
-  // a button that has the focus must not be pressed by the space that stops
+  // the space bar that stops must not also press the focused button
   document.addEventListener("keyup", (e) => { if (e.key === " " && e.target.closest("button")) e.preventDefault(); });
 }

@@ -1,12 +1,12 @@
-// Where the stage is, large; and one step from there, by button or arrow.
+// The present position in large digits, and single steps by button or arrow key.
 "use strict";
 import { unitName } from "./plot.js";
 
 const $ = (id) => document.getElementById(id);
-const TEXT_MS = 200; // a figure that changes faster cannot be read
-const RECENT_MS = 1500; // steps that follow each other start from the step before
+const TEXT_MS = 200; // interval of updates; faster ones could not be read
+const RECENT_MS = 1500; // within this time a step starts from the target of the step before
 
-// Decimal places that show a few ten-thousandths of the reach.
+// Return the number of decimal places that resolve a few ten-thousandths of the reach.
 export function decimals(reach) {
   const span = Math.abs(reach[1] - reach[0]);
   return span > 0 && Number.isFinite(span) ? Math.min(6, Math.max(0, 3 - Math.floor(Math.log10(span / 2)))) : 3;
@@ -35,8 +35,8 @@ export class Now {
     return s ? [s.reach_min, s.reach_max] : [0, 0];
   }
 
-  // The newest buckets of a live frame: what is shown is their mean, so that the figures belong to
-  // the same moments; a step starts from the newest target.
+  // Take a live frame: show the means of its newest buckets, so that the figures belong to the same
+  // times; a step starts from the newest target.
   frame(f, signals) {
     if (!f.live || !f.n) return;
     const mean = (signal) => {
@@ -53,7 +53,7 @@ export class Now {
     this.take(aim, { target: aim === null ? null : mean("target"), measured: mean("measured"), error: mean("error"), volts: mean("volts") });
   }
 
-  // aim: the newest target; null: none.
+  // aim: the newest target, or null.
   take(aim, { target, measured, error, volts }) {
     this.aim = aim;
     this.target = target;
@@ -84,7 +84,7 @@ export class Now {
     }
   }
 
-  // One step of an axis; times: how many.
+  // Move an axis by steps; times: the number of steps.
   step(times, name = this.page.name) {
     const size = this.page.parse("step"), seconds = this.page.parse("seconds");
     if (!(size > 0)) { this.page.say("the step must be a number above 0", true); return; }
@@ -95,7 +95,7 @@ export class Now {
     if (from === null || from === undefined) { this.page.say("there is neither a target nor a reading to step from", true); return; }
     const value = Math.min(reach[1], Math.max(reach[0], from + times * size));
     const end = times > 0 ? reach[1] : reach[0], ahead = Math.sign(times) * (end - from);
-    if (ahead < 1e-6 * (reach[1] - reach[0])) { // telemetry is in single precision
+    if (ahead < 1e-6 * (reach[1] - reach[0])) { // telemetry has single precision
       this.page.say(`${fixed(end, decimals(reach))} ${unitName(this.page.unit())} is the end of the reach`, true);
       return;
     }

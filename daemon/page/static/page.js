@@ -1,5 +1,5 @@
-// The page: one WebSocket to the server that it came from. Whatever comes over it is text and
-// numbers; nothing of it is ever put in as markup.
+// The page: one WebSocket to its own server. All data received are text and numbers and are never
+// inserted as markup.
 "use strict";
 import { Doctor, drawLoop } from "./doctor.js";
 import { Files, fillList } from "./files.js";
@@ -29,7 +29,7 @@ const page = {
     $("said").classList.toggle("wrong", Boolean(wrong));
   },
 };
-window.dehystPage = page; // for a look from the console
+window.dehystPage = page; // for inspection from the console
 
 const plots = new Plots(
   { position: $("plot-position"), error: $("plot-error"), trim: $("plot-trim"), volts: $("plot-volts") },
@@ -102,7 +102,7 @@ $("leave").addEventListener("click", async () => {
   location.reload();
 });
 
-// -- what is heard ------------------------------------------------------------------------------
+// -- messages from the server -------------------------------------------------------------------
 
 function hear(said) {
   switch (said.kind) {
@@ -163,7 +163,7 @@ function choose(name) {
   look();
 }
 
-// What is paused or zoomed stays as it is, also when the connection comes back.
+// Whether the plots are paused or zoomed, which a new connection must not change.
 const held = () => plots.paused || plots.range !== null;
 
 function look() {
@@ -176,7 +176,7 @@ function askLook() {
   page.ask({ ask: "look", name: page.name, window_s: plots.window_s, width_px: Math.round(plots.width()) });
 }
 
-// -- what is shown ------------------------------------------------------------------------------
+// -- display ------------------------------------------------------------------------------------
 
 function showStatus(said) {
   page.status = said;
@@ -291,7 +291,7 @@ function addEvent(event) {
   page.why = { state: event.code, text: event.text };
 }
 
-// -- what is asked for --------------------------------------------------------------------------
+// -- controls -----------------------------------------------------------------------------------
 
 WINDOWS.forEach(([seconds, text], i) => {
   const button = document.createElement("button");

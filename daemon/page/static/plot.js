@@ -1,12 +1,12 @@
-// The live plots. Data come as the least and the largest value in each bucket of time and are drawn
-// as one stroke a bucket, so that no peak is lost.
+// The live plots. Data arrive as the smallest and the largest value in each bucket of time and are
+// drawn as one stroke per bucket, so that no peak is lost.
 "use strict";
 
 export const SIGNALS = ["target", "measured", "error", "trim", "learned", "volts"];
 const LIVE = 0x31504844;
-const STEPS_S = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600]; // between labels
-const KEEP = 6000; // points of a curve
-const LAG_S = 0.15; // behind the newest sample, so that the edge moves evenly
+const STEPS_S = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600]; // intervals of time labels
+const KEEP = 6000; // points kept per curve
+const LAG_S = 0.15; // delay of the edge after the newest sample, so that it moves evenly
 
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
@@ -21,11 +21,11 @@ export function number(value, digits = 4) {
   return value === null || value === undefined || !Number.isFinite(value) ? "-" : String(Number(value.toPrecision(digits)));
 }
 
-// Units as physicists write them; on the wire they are ASCII.
+// Units in their usual spelling; messages use ASCII.
 export const unitName = (unit) => (unit === "um" ? "µm" : unit === "v" ? "V" : unit);
 export const pretty = (text) => text.replace(/\bum\b/g, "µm").replace(/(\d) us\b/g, "$1 µs");
 
-// The page's size of letters [px]: it grows with the screen, and the charts with it.
+// Return the page's font size [px], which grows with the screen and scales the charts.
 export const rem = () => parseFloat(getComputedStyle(document.documentElement).fontSize);
 
 function axis(extra) {
@@ -41,7 +41,7 @@ function curve(label, name, more) {
   return { label, stroke: () => colour(name), width: (width * rem()) / 15, ...others, points: { show: false }, value: (u, v) => number(v) };
 }
 
-// One binary frame, see dehyst.daemon.page.wire.
+// Decode one binary frame, see dehyst.daemon.page.wire.
 export function readFrame(buffer) {
   const head = new DataView(buffer);
   const u32 = (at) => head.getUint32(at, true), f64 = (at) => head.getFloat64(at, true);
@@ -58,11 +58,11 @@ export class Plots {
     this.unit = "um";
     this.reach = [0, 0];
     this.window_s = 10;
-    this.range = null; // [first, end] of a stretch of the past that is shown; null: live
+    this.range = null; // [first, end] of the past interval shown; null: live
     this.paused = false;
     this.anchor = null;
     this.drawn = 0;
-    this.frames = 0; // drawn, for tests
+    this.frames = 0; // number drawn, for tests
     this.reset();
     this.make();
     new ResizeObserver(() => this.fit()).observe(places.position);
@@ -79,7 +79,7 @@ export class Plots {
 
   make() {
     const sync = { key: "time" }, em = rem(), unit = unitName(this.unit);
-    // time is written once, below the last chart; all begin and end at the same place
+    // time labels appear only below the last chart; all charts are aligned
     const one = (place, share, series, label, least) => new uPlot({
       width: this.width(), height: this.height(share),
       series: [{ label: "time", value: (u, v) => (v === null ? "" : clockTime(v, 0.01)) }, ...series],
@@ -101,7 +101,7 @@ export class Plots {
     this.columns = { position: [0, 1], error: [2], trim: [3, 4], volts: [5] };
   }
 
-  // The lowest chart that is shown.
+  // Return the lowest visible chart.
   last() {
     const shown = Object.values(this.places).filter((place) => !place.hidden);
     return shown[shown.length - 1];
@@ -123,7 +123,7 @@ export class Plots {
     this.fresh = true;
   }
 
-  // Of the axis that is shown: its unit, and its reach, of which noise at rest is a small part.
+  // Set unit and reach of the shown axis; scaled to the reach, noise at rest stays small.
   setUnit(unit, reach) {
     this.reach = reach;
     if (unit === this.unit) return;
@@ -141,7 +141,7 @@ export class Plots {
     for (let i = 0; i < frame.n; i++) {
       const t = start + frame.offsets[i] * frame.bucket_s;
       if (last !== null && t <= last) continue;
-      if (last !== null && t - last > gap_s) { // nothing was heard: nothing is drawn
+      if (last !== null && t - last > gap_s) { // a gap in the data is not bridged
         this.x.push(last + half / 2);
         for (const y of this.y) y.push(null);
       }
@@ -215,15 +215,15 @@ export class Plots {
   }
 }
 
-// A range of values that spans at least so much, about its middle.
+// Return a range of values about their middle that spans at least `least`.
 export function atLeast(low, high, least) {
   if (low === null || high === null) return [-(least || 1) / 2, (least || 1) / 2];
   const span = 1.1 * Math.max(high - low, least), middle = (low + high) / 2;
   return span > 0 ? [middle - span / 2, middle + span / 2] : [low - 1, high + 1];
 }
 
-// A plot that stays: x in seconds, curves [{label, colour, y, dash}]; one without a label is not in
-// the legend.
+// Draw a static plot: x in seconds, curves [{label, colour, y, dash}]; a curve without a label is
+// not in the legend.
 export function drawStill(place, height, x, curves, label, scales = {}) {
   const em = rem();
   place.replaceChildren();
