@@ -70,8 +70,8 @@ def _differentiate(c: Floats) -> Floats:
 
 
 def z_range(h: Hysteresis, drive_min: float, drive_max: float) -> tuple[float, float]:
-    """Return the lowest and highest z over the major loop of the drive range (static weights), each
-    widened by half of the range."""
+    """Return the lowest and highest z, of 0 and the major loop of the drive range (static weights),
+    with a margin of half of that range on either side."""
     ends = np.array([drive_max, drive_min, drive_max, drive_min, drive_max]) - h.u_offset
     z = play_matrix(h.r, ends, np.zeros(h.n)) @ h.b
     z = np.concatenate([z, [0.0]])

@@ -1,8 +1,8 @@
 """The physical effects around the hysteresis: one file each, found by listing this folder.
 
-Other packages make some blocks themselves and use a function from here: the blocks of a hysteresis
-of any shape (`curved_plays`, `bent_loops`), of a lead, of a coupling. `line_for_a_time` words a
-line.
+Other packages build some blocks directly, with functions exported here: those of a hysteresis of
+any shape (`curved_plays`, `bent_loops`), of a lead and of a coupling. `line_for_a_time` returns the
+texts for a line that is present at times.
 """
 
 from dehyst.models.physics.coupling import coupled
