@@ -16,7 +16,6 @@ from prometheus_client.registry import Collector
 from dehyst.daemon.page.watching import Controllers, Watch
 from dehyst.daemon.rings.records import State
 
-SILENT_S = 3.0
 STATES = [state.name.lower() for state in State]
 QUANTILES = (("0.5", "p50"), ("0.99", "p99"), ("0.999", "p999"), ("1", "max"))
 
@@ -92,7 +91,7 @@ class ControllerMetrics(Collector):
 
 def alive(watch: Watch) -> bool:
     """Return whether the controller's status arrives and its loop runs."""
-    return watch.status is not None and watch.silent_s < SILENT_S and watch.status.core_alive
+    return watch.status is not None and not watch.silent and watch.status.core_alive
 
 
 def expose(controllers: Controllers, accept: str) -> tuple[bytes, str]:

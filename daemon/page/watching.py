@@ -30,6 +30,8 @@ from dehyst.models.model import Model
 
 log = logging.getLogger(__name__)
 TICK_S = 0.1
+SILENT_S = 3.0
+"""Without a status for so long, a controller counts as silent (page.js draws it by the same)."""
 FIND_S = 2.0
 MOST_CONTROLLERS = 64
 EVENTS, HEALTHS, REPORTS = 200, 600, 10
@@ -77,6 +79,11 @@ class Watch:
     def close(self) -> None:
         """Ask the thread to end the connection."""
         self._stop.set()
+
+    @property
+    def silent(self) -> bool:
+        """Return whether the controller has not reported for longer than SILENT_S."""
+        return self.silent_s > SILENT_S
 
     @property
     def silent_s(self) -> float:

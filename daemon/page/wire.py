@@ -136,7 +136,7 @@ def describe_controllers(controllers: Controllers) -> str:
         protocol=PROTOCOL,
         names=sorted(controllers.watches),
         problems=[text for text in controllers.problems.values() if text],
-        silent=sorted(n for n, w in controllers.watches.items() if w.silent_s > 3.0),
+        silent=sorted(n for n, w in controllers.watches.items() if w.silent),
     )
 
 
@@ -195,7 +195,7 @@ def describe_axes(axes: Sequence[Watch], path: int) -> tuple[str, int]:
 def _state(watch: Watch) -> str:
     """Return the state of the loop in a word or two; "silent" without a recent status."""
     status = watch.status
-    if status is None or watch.silent_s > 3.0:
+    if status is None or watch.silent:
         return "silent"
     if is_starting(status):
         return "starting"
