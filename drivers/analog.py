@@ -1,5 +1,5 @@
-"""What drivers of analog outputs and inputs have in common: the range that EXT reaches, the scale
-of a reading, and a vendor's C function as compiled code calls it."""
+"""Shared parts of the drivers of analog outputs and inputs: the voltage range that the EXT input
+can reach, the scale of a reading, and calls of a vendor's C function from compiled code."""
 
 import math
 from typing import Any, Protocol
@@ -31,12 +31,12 @@ class OutputRange(Protocol):
     def device_max_v(self) -> float: ...
 
     def wrong(self, key: str, allowed: str) -> DriverConfigError:
-        """As dehyst.drivers.settings.Settings.wrong."""
+        """Behaves as dehyst.drivers.settings.Settings.wrong."""
 
 
 def check_output_range(settings: OutputRange, where: str) -> None:
-    """Raise DriverConfigError unless the output reaches min_v to max_v [V at the piezo]. where: the
-    device's output, for the message."""
+    """Raise DriverConfigError unless the output can reach min_v to max_v [V at the piezo]. where:
+    the device's output, for the message."""
     if settings.gain == 0:
         raise settings.wrong("gain", "a number other than 0")
     if not settings.min_v < settings.max_v:
@@ -55,15 +55,15 @@ def check_output_range(settings: OutputRange, where: str) -> None:
 
 
 def call_c(builder: Any, address: Any, arguments: list[Any]) -> Any:
-    """Call the C function at an address, within a numba intrinsic: its int."""
+    """Call the C function at an address, inside a numba intrinsic, and return its int."""
     kind = ir.FunctionType(INT, [argument.type for argument in arguments])
     return builder.call(builder.inttoptr(address, kind.as_pointer()), arguments)
 
 
 @njit(cache=True)
 def scaled_mean(context: np.record) -> float:
-    """The mean of the samples at context.samples, as a reading: minus `zero`, times `gain`; NaN
-    where one of them is not from `minimum` to `maximum`."""
+    """Return the mean of the samples at context.samples as a reading, (mean - `zero`) * `gain`; NaN
+    if any sample is outside `minimum` to `maximum`."""
     samples = carray(pointer(context.samples), (context.count,), types.float64)
     total = 0.0
     for sample in samples:

@@ -1,4 +1,4 @@
-"""How long the calls of a driver take: the source of the latency and rate that it declares."""
+"""Measure how long a driver's calls take, which gives the latency and rate that it declares."""
 
 import math
 import statistics
@@ -10,11 +10,11 @@ from dehyst.drivers.interface import DeviceSpec, DriverConfigError
 
 KEPT = 512
 TRIALS = 8
-"""Calls timed when a sensor is opened: enough for a median, soon done at 10 ms a call."""
+"""Calls timed when a sensor is opened: enough for a median, finished quickly at 10 ms a call."""
 
 
 class CallTimes:
-    """Durations of the last calls, in seconds. Cheap to add to; percentiles sort on demand."""
+    """Durations of the last calls, in seconds. Adding is cheap; percentiles sort on demand."""
 
     def __init__(self, kept: int = KEPT) -> None:
         self._durations_s: deque[float] = deque(maxlen=kept)
@@ -29,7 +29,8 @@ class CallTimes:
             self.longest_s = duration_s
 
     def percentile_s(self, percent: float) -> float:
-        """The duration that `percent` of the kept calls do not exceed; NaN without any call."""
+        """Return the duration that `percent` of the kept calls do not exceed; NaN if there are no
+        calls."""
         ordered = sorted(self._durations_s)
         if not ordered:
             return float("nan")
@@ -38,11 +39,11 @@ class CallTimes:
 
 @dataclass(frozen=True)
 class Batches:
-    """How a unit's calls are timed: in batches of `size`, up to `most` of them, until the late ones
-    of a batch, by the percentile `late`, are within `close_to_fastest` times the fastest of all.
+    """How a unit's calls are timed: in batches of `size`, up to `most` of them, until the `late`
+    percentile of a batch is within `close_to_fastest` times the fastest call of all.
 
-    What slows one batch and not another is this machine, not the unit: the best batch counts.
-    `usual`: percentile of what the unit sustains at the most, without room for late replies.
+    What slows one batch and not another is this machine, not the unit, so the best batch is used.
+    `usual`: percentile that gives the highest sustained rate, without room for late replies.
     """
 
     size: int = 30
@@ -52,7 +53,7 @@ class Batches:
     close_to_fastest: float = 1.15
 
     def best(self, call: Callable[[], object], clock: Callable[[], float]) -> CallTimes:
-        """Durations of the best batch; whatever the call raises."""
+        """Return the durations of the best batch. Raises whatever the call raises."""
         best, fastest_s = CallTimes(), float("inf")
         for _ in range(self.most):
             batch = CallTimes()
@@ -68,11 +69,11 @@ class Batches:
         return best
 
     def late_s(self, times: CallTimes) -> float:
-        """What few of these calls take longer than."""
+        """Return the duration that few of these calls exceed."""
         return times.percentile_s(self.late)
 
     def rate_hz(self, times: CallTimes) -> float:
-        """How often a second these calls can be made at the most."""
+        """Return the highest rate at which these calls can be made."""
         return 1.0 / times.percentile_s(self.usual)
 
     def with_rate(
@@ -83,9 +84,10 @@ class Batches:
         who: str,
         most_hz: float = math.inf,
     ) -> DeviceSpec:
-        """The spec with the rate and latencies of these calls; the declared rate counts where it is
-        lower. who: the device, for the message; most_hz: what it does not exceed however quick a
-        call is. Raises DriverConfigError where more is declared than is sustained."""
+        """Return the spec with the rate and latencies of these calls; a lower declared rate takes
+        precedence. who: the device, for the message; most_hz: upper limit of the rate, however
+        quick a call is. Raises DriverConfigError if the declared rate is higher than the sustained
+        one."""
         sustained_hz = min(self.rate_hz(times), most_hz)
         if declared_hz is not None and declared_hz > sustained_hz:
             raise DriverConfigError(
@@ -102,7 +104,7 @@ class Batches:
 
 
 def typical_s(call: Callable[[], object], clock: Callable[[], float]) -> float:
-    """The median duration of a few calls; whatever the call raises."""
+    """Return the median duration of a few calls. Raises whatever the call raises."""
     took = []
     for _ in range(TRIALS):
         started_s = clock()

@@ -30,7 +30,8 @@ from dehyst.drivers.interface import (
 
 
 def refused(kind: type[Exception], job: Callable[[], Any], what: str) -> Exception:
-    """The error of `kind` that `job` raises; an AssertionError when it does not raise one."""
+    """Return the error of `kind` that `job` raises; raise AssertionError if it does not raise
+    one."""
     try:
         job()
     except kind as error:
@@ -39,12 +40,12 @@ def refused(kind: type[Exception], job: Callable[[], Any], what: str) -> Excepti
 
 
 class _DriverContract:
-    """What actuators and sensors have in common."""
+    """Tests and hooks that actuators and sensors have in common."""
 
     protocol: Any = object
 
     def make(self) -> Any:
-        """A new driver that has not been opened."""
+        """Return a new driver that has not been opened."""
         raise SkipTest("the contract itself; a subclass gives it a driver with make()")
 
     def unplug(self, device: Any) -> None:
@@ -52,14 +53,14 @@ class _DriverContract:
         raise SkipTest("this driver's tests do not unplug")
 
     def replug(self, device: Any) -> None:
-        """Put it back."""
+        """Plug the device back in."""
 
     def use(self, device: Any) -> None:
-        """One call of the kind that the loop makes."""
+        """Make one call of the kind that the loop makes."""
 
     @contextmanager
     def opened(self) -> Iterator[Any]:
-        """A driver from make(), open; closed at the end."""
+        """Yield an open driver from make() and close it at the end."""
         device = self.make()
         device.open()
         try:
@@ -135,12 +136,12 @@ class _DriverContract:
 
 
 class ActuatorContract(_DriverContract):
-    """Every actuator passes these. Hooks: make, true_output, unplug, replug."""
+    """Tests that every actuator passes. Hooks: make, true_output, unplug, replug."""
 
     protocol = Actuator
 
     def true_output(self, device: Actuator) -> float | None:
-        """The voltage at the output from an independent source; None where there is none."""
+        """Return the output voltage from an independent source; None where there is none."""
         return None
 
     def use(self, device: Actuator) -> None:
@@ -207,13 +208,13 @@ class ActuatorContract(_DriverContract):
 
 
 class SensorContract(_DriverContract):
-    """Every sensor passes these. Hooks: make, true_value, tolerance, unplug,
-    replug."""
+    """Tests that every sensor passes. Hooks: make, true_value, tolerance, unplug, replug."""
 
     protocol = Sensor
 
     def true_value(self, device: Sensor) -> float | None:
-        """What a good reading is now, from an independent source; None where there is none."""
+        """Return what a good reading is now, from an independent source; None where there is
+        none."""
         return None
 
     tolerance = 0.0

@@ -1,4 +1,4 @@
-"""The two small interfaces every amplifier and every sensor driver fulfils.
+"""The two small interfaces that every amplifier driver and every sensor driver implements.
 
 DriverError                     (a DehystError: the message is for the user)
 ├── DriverConfigError           a setting is wrong or missing: fix the configuration
@@ -10,16 +10,16 @@ DriverError                     (a DehystError: the message is for the user)
 └── OutOfRange                  a value outside what the device takes; nothing was written
 
 A driver is made from a table of settings (`from_settings`), does nothing until `open()`, and is
-used by one thread. `write()` and `read()` take at most `spec.latency_s` typically and never
-block longer than the driver's own time-out. A reply that comes after its time-out is never taken
-for the reply to the next request. A driver never clips: a value outside
-[spec.minimum, spec.maximum] raises OutOfRange and leaves the output as it was. After DeviceGone,
-`reconnect()` restores the link without moving the output, or raises again.
+used by one thread. `write()` and `read()` typically take at most `spec.latency_s` and never block
+longer than the driver's own time-out. A reply that arrives after its time-out is never taken for
+the reply to the next request. A driver never clips: a value outside [spec.minimum, spec.maximum]
+raises OutOfRange and leaves the output as it was. After DeviceGone, `reconnect()` restores the link
+without moving the output, or raises again.
 
-A driver whose device can be called without Python may add `direct()`, see
-dehyst.drivers.direct_calls: the compiled loop then uses it.
+A driver whose device can be called without Python may add `direct()` (see
+dehyst.drivers.direct_calls): the compiled loop then uses it.
 
-A driver of an amplifier with several outputs behind one link may add `join()`: see Joinable.
+A driver of an amplifier with several outputs on one link may add `join()`: see Joinable.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ from dehyst.models.errors import DehystError
 
 
 class DriverError(DehystError):
-    """Base of everything a driver raises."""
+    """Base class of every error that a driver raises."""
 
 
 class DriverConfigError(DriverError):
@@ -65,11 +65,11 @@ class OutOfRange(DriverError):
 class DeviceSpec:
     """What a device can do, as far as it is known after open().
 
-    unit: "v", "um", ...; minimum, maximum, resolution: in that unit; max_rate_hz: the highest
-    rate of write() or read() that this unit sustains (measured where it can be);
-    latency_s: typical duration of one call; identity: model, firmware, serial number; late_s: time
-    that few calls exceed, 0: not known, the typical one counts; output_known: False where the
-    hardware cannot be asked, so that output() is a setting until the first write.
+    unit: "v", "um", ...; minimum, maximum, resolution: in that unit; max_rate_hz: the highest rate
+    of write() or read() that this unit sustains (measured where possible); latency_s: typical
+    duration of one call; identity: model, firmware, serial number; late_s: time that few calls
+    exceed, 0 if unknown (latency_s is then used instead); output_known: False where the hardware
+    cannot be queried, so that output() is a setting until the first write.
     """
 
     unit: str
@@ -84,7 +84,7 @@ class DeviceSpec:
 
     @property
     def call_s(self) -> float:
-        """Time that a loop has to reserve for one call, even a late one."""
+        """Return the time that a loop has to reserve for one call, even a late one."""
         return max(self.late_s, self.latency_s)
 
 
@@ -107,7 +107,7 @@ class UnitIdentity:
         return f"no serial number, {self.kind or 'unknown kind'}, at {self.place or '?'}"
 
     def is_another(self, known: "UnitIdentity") -> bool:
-        """True if this is not the known unit."""
+        """Return True if this is not the known unit."""
         return self != known if not (self.serial and known.serial) else self.serial != known.serial
 
 
@@ -125,7 +125,7 @@ class Identifiable(Protocol):
     """A device that can report which unit it is."""
 
     unit: UnitIdentity | None
-    """The unit that was found by open(); None before."""
+    """The unit that open() found; None before."""
 
     def expect(self, unit: UnitIdentity) -> None:
         """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
@@ -152,8 +152,8 @@ class Actuator(Protocol):
         ...
 
     def output(self) -> float:
-        """The output voltage as far as it is known (the last write, or what the unit reported
-        when it was opened)."""
+        """Return the output voltage as far as it is known (the last write, or what the unit
+        reported when it was opened)."""
         ...
 
     def reconnect(self) -> None:
@@ -181,7 +181,7 @@ class Sensor(Protocol):
         ...
 
     def read(self) -> float:
-        """One reading in spec.unit. NaN where the device itself reports an invalid reading."""
+        """Take one reading in spec.unit. NaN where the device itself reports an invalid reading."""
         ...
 
     def reconnect(self) -> None:
@@ -194,7 +194,7 @@ class Sensor(Protocol):
 
 
 class Joint(Protocol):
-    """Several open outputs of one amplifier, behind one link.
+    """Several open outputs of one amplifier that share one link.
 
     together: `write_all` sets all of them in one command.
     """
@@ -202,11 +202,11 @@ class Joint(Protocol):
     together: bool
 
     def rate_hz(self, driven: int) -> float:
-        """The highest measured rate at which this number of outputs can be set."""
+        """Return the highest measured rate at which this number of outputs can be set."""
         ...
 
     def late_s(self, driven: int) -> float:
-        """Time that few sets of this number of outputs exceed."""
+        """Return the time that few sets of this number of outputs exceed."""
         ...
 
     def write_all(self, volts: Sequence[float]) -> None:
@@ -219,8 +219,8 @@ class Joinable(Protocol):
     """An actuator whose unit may have further outputs."""
 
     unit_key: str
-    """The same for outputs of the same unit."""
+    """The same string for all outputs of one unit."""
 
     def join(self, others: Sequence[Any]) -> Joint:
-        """This output and others of the same unit, all open."""
+        """Combine this output and others of the same unit, all open."""
         ...

@@ -1,4 +1,4 @@
-"""Raw exchanges with a unit, recorded with their times: what `dehyst probe` keeps of each."""
+"""Raw exchanges with a unit, recorded with their times; `dehyst probe` keeps them in this form."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +9,8 @@ from dehyst.drivers.serial_port import SerialPort
 
 @dataclass(frozen=True)
 class RecordedExchange:
-    """One command and everything that came back. Times in s from the start of the probe."""
+    """One command and everything that was received after it. Times in s from the start of the
+    probe."""
 
     sent: bytes
     sent_at_s: float
@@ -17,11 +18,11 @@ class RecordedExchange:
 
     @property
     def reply(self) -> bytes:
-        """All bytes of the reply."""
+        """Return all bytes of the reply."""
         return b"".join(data for _, data in self.received)
 
     def to_dict(self) -> dict[str, Any]:
-        """For the fixture file: bytes as Latin-1 text."""
+        """Convert to the fixture file's form: bytes as Latin-1 text."""
         return {
             "sent": self.sent.decode("latin-1"),
             "sent_at_s": round(self.sent_at_s, 6),
@@ -30,7 +31,7 @@ class RecordedExchange:
 
     @classmethod
     def from_dict(cls, table: dict[str, Any]) -> "RecordedExchange":
-        """From a fixture file."""
+        """Convert from the fixture file's form."""
         received = tuple((float(at_s), d.encode("latin-1")) for at_s, d in table["received"])
         return cls(table["sent"].encode("latin-1"), float(table["sent_at_s"]), received)
 
@@ -42,8 +43,8 @@ def record_exchange(
     clock: Callable[[], float],
     start_s: float = 0.0,
 ) -> RecordedExchange:
-    """Send bytes and keep everything that comes until it is quiet. waits_s: for the first byte, and
-    the silence that ends the reply; start_s: time 0 of the record."""
+    """Send bytes and record everything received until the line is quiet. waits_s: longest wait for
+    the first byte, and the silence that ends the reply; start_s: time 0 of the record."""
     sent_at_s = clock() - start_s
     port.write(sent)
     received: list[tuple[float, bytes]] = []

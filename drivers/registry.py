@@ -1,12 +1,12 @@
-"""Driver plugins: found by entry points, loaded when they are asked for.
+"""Driver plugins: found through entry points, loaded on request.
 
 A package adds a driver with an entry point in its own pyproject.toml:
 
     [project.entry-points."dehyst.actuators"]
     myamp = "mypackage.amplifier:MyAmp"
 
-The class fulfils Actuator or Sensor (dehyst.drivers.interface); dehyst.drivers.contract holds the
-tests that prove it. A plugin that cannot be loaded is listed with its error, never dropped.
+The class implements Actuator or Sensor (dehyst.drivers.interface); dehyst.drivers.contract contains
+the tests that prove it. A plugin that cannot be loaded is listed with its error, never dropped.
 """
 
 import inspect
@@ -28,9 +28,9 @@ METHODS = {
 
 @dataclass(frozen=True)
 class Plugin:
-    """One driver that was found. kind: "actuator" or "sensor"; where: "module:Class"; package:
-    the distribution it comes with and its version; summary: first line of its documentation;
-    error: why it cannot be used, "" if it can."""
+    """One driver that was found. kind: "actuator" or "sensor"; where: "module:Class"; package: the
+    distribution that contains it and its version; summary: first line of its documentation; error:
+    why it cannot be used, "" if it can."""
 
     name: str
     kind: str
@@ -41,13 +41,13 @@ class Plugin:
 
 
 def list_plugins() -> list[Plugin]:
-    """Every driver of both kinds, by kind and name, the broken ones with their error. Loads
-    all of them."""
+    """Return every driver of both kinds, by kind and name, including the broken ones with their
+    error. Loads all of them."""
     return [_describe(group, point) for group in KINDS for point in _points(group)]
 
 
 def find_plugins(name: str) -> list[Plugin]:
-    """The drivers of this name, actuator and sensor. Raises DriverConfigError when there are
+    """Return the drivers of this name, actuator and sensor. Raises DriverConfigError when there are
     none (it lists those that exist)."""
     found = [p for p in list_plugins() if p.name == name]
     if not found:
@@ -60,7 +60,8 @@ def find_plugins(name: str) -> list[Plugin]:
 
 
 def list_settings(plugin: Plugin) -> list[SettingKey] | None:
-    """A driver's settings; None where it is broken or does not declare them (`settings_type`)."""
+    """Return a driver's settings; None if it is broken or does not declare them
+    (`settings_type`)."""
     group = next(group for group, kind in KINDS.items() if kind == plugin.kind)
     points = [p for p in _points(group) if (p.name, p.value) == (plugin.name, plugin.where)]
     found, _ = _try(group, points[0])
@@ -69,13 +70,13 @@ def list_settings(plugin: Plugin) -> list[SettingKey] | None:
 
 
 def load_actuator(name: str) -> type[Actuator]:
-    """The class of an actuator driver. Raises DriverConfigError when there is none of this name
-    (it lists those that exist) or when it cannot be loaded (with its error)."""
+    """Return the class of an actuator driver. Raises DriverConfigError when none has this name (it
+    lists those that exist) or when it cannot be loaded (with its error)."""
     return _load(ACTUATORS, name)
 
 
 def load_sensor(name: str) -> type[Sensor]:
-    """The class of a sensor driver; errors as in load_actuator."""
+    """Return the class of a sensor driver; errors as in load_actuator."""
     return _load(SENSORS, name)
 
 
@@ -98,7 +99,8 @@ def _load(group: str, name: str) -> type:
 
 
 def _points(group: str) -> list[EntryPoint]:
-    """Entry points of a group, each once (an editable install may list its own twice)."""
+    """Return the entry points of a group, each once (an editable install may list its own
+    twice)."""
     unique = {(p.name, p.value): p for p in entry_points(group=group)}
     return [unique[key] for key in sorted(unique)]
 
@@ -121,7 +123,7 @@ def _clash(point: EntryPoint, points: Iterable[EntryPoint]) -> str:
 
 
 def _try(group: str, point: EntryPoint) -> tuple[type | None, str]:
-    """The class behind an entry point, or why there is none."""
+    """Return the class at an entry point, or the reason why it cannot be used."""
     try:
         found = point.load()
     except Exception as error:  # whatever a plugin raises while it is imported

@@ -1,9 +1,9 @@
-"""A raw serial port with time limits: the only place that imports pyserial.
+"""A raw serial port with time limits: the only module that imports pyserial.
 
-What pyserial and the operating system raise is turned into the driver errors here, once:
-no such port, no permission, in use -> DeviceNotFound; vanished while open -> DeviceGone; a write
-that blocks too long -> DeviceTimeout. Pseudo-terminals (the emulators) refuse some ioctls with
-OSError 25 or ValueError; none of those is needed, so they are let pass.
+It converts what pyserial and the operating system raise into driver errors: no such port, no
+permission, in use -> DeviceNotFound; vanished while open -> DeviceGone; a write that blocks too
+long -> DeviceTimeout. Pseudo-terminals (the emulators) refuse some ioctls with OSError 25 or
+ValueError; none of those is needed, so these errors are ignored.
 """
 
 import contextlib
@@ -36,7 +36,7 @@ class PortInfo:
 
 
 def list_serial_ports() -> list[PortInfo]:
-    """All serial ports of this machine, by path."""
+    """Return all serial ports of this machine, ordered by path."""
     return sorted(
         (
             PortInfo(p.device, p.vid, p.pid, p.serial_number or "", p.description or "")
@@ -47,7 +47,7 @@ def list_serial_ports() -> list[PortInfo]:
 
 
 def find_usb_ports(ids: Iterable[tuple[int, int]]) -> list[PortInfo]:
-    """The serial ports whose USB (vendor, product) is one of `ids`."""
+    """Return the serial ports whose USB (vendor, product) is one of `ids`."""
     wanted = set(ids)
     return [p for p in list_serial_ports() if (p.vendor, p.product) in wanted]
 
@@ -56,8 +56,9 @@ BY_PATH = Path("/dev/serial/by-path")
 
 
 def place_of(path: str) -> str:
-    """Where a port's device is plugged in: its name by its way through hubs and sockets, which
-    stays when ports are numbered anew; the device file itself where there is no such name."""
+    """Return where a port's device is plugged in: the by-path name, which describes the route
+    through hubs and sockets and survives renumbering of the ports; the device file itself if it has
+    no such name."""
     real = os.path.realpath(path)
     with contextlib.suppress(OSError):
         for link in sorted(BY_PATH.iterdir()):
@@ -87,7 +88,7 @@ class SerialPort:
         self._clock = clock
         self._write_timeout_s = write_timeout_s
         try:
-            # timeout=0: reads never wait, waiting is done here, with select and a deadline.
+            # timeout=0: reads never wait; waiting is done here, with select and a deadline.
             self._serial = serial.Serial(
                 path,
                 baud,
@@ -100,7 +101,7 @@ class SerialPort:
             raise DriverConfigError(f"serial port {path}: {error}") from None
         except (serial.SerialException, OSError) as error:
             raise DeviceNotFound(_why_not_open(path, error)) from None
-        # FTDI: 1 ms in place of 16 ms. A port without that mode is no fault: pyserial raises
+        # FTDI: 1 ms instead of 16 ms. A port without that mode is not an error: pyserial raises
         # OSError or ValueError (a pseudo terminal, an older kernel), NotImplementedError or
         # AttributeError (its classes for other systems).
         with contextlib.suppress(OSError, ValueError, NotImplementedError, AttributeError):
@@ -108,8 +109,9 @@ class SerialPort:
         self._fd: int = self._serial.fileno()
 
     def write(self, data: bytes) -> None:
-        """Hand all of `data` to the port. Raises DeviceTimeout when that takes longer than the
-        write time-out (then an unknown part of it went out), DeviceGone when the port is gone."""
+        """Pass all of `data` to the port. Raises DeviceTimeout when that takes longer than the
+        write time-out (an unknown part of it has then been sent), DeviceGone when the port is
+        gone."""
         try:
             self._serial.write(data)
         except serial.SerialTimeoutException:
@@ -123,13 +125,13 @@ class SerialPort:
             raise self._gone(error) from None
 
     def read_available(self) -> bytes:
-        """What has arrived, without waiting; b"" when nothing has. Raises DeviceGone."""
+        """Return what has arrived, without waiting; b"" if nothing has. Raises DeviceGone."""
         ready, _, _ = self._select(0.0)
         return self._read() if ready else b""
 
     def read_until_deadline(self, deadline_s: float) -> bytes:
-        """Wait for at least one byte until the clock reads `deadline_s`; return all that is
-        there, or b"" at the deadline. Raises DeviceGone."""
+        """Wait for at least one byte until the clock reads `deadline_s`; return all bytes that are
+        available, or b"" at the deadline. Raises DeviceGone."""
         while True:
             left_s = deadline_s - self._clock()
             ready, _, _ = self._select(max(0.0, left_s))
@@ -139,7 +141,7 @@ class SerialPort:
                 return b""
 
     def close(self) -> None:
-        """Give the port back. Safe to call twice and after an unplug."""
+        """Close the port. Safe to call twice and after an unplug."""
         with contextlib.suppress(serial.SerialException, OSError, system.TerminalError):
             self._serial.close()
 
@@ -180,7 +182,7 @@ def _why_not_open(path: str, error: Exception) -> str:
 
 
 def _holder(path: str) -> str:
-    """Who has locked a port, as far as the kernel tells us."""
+    """Return which process has locked a port, as far as the kernel reports it."""
     if not system.LINUX:
         return "another program"
     with contextlib.suppress(OSError, ValueError):

@@ -1,6 +1,6 @@
-"""Settings of a driver: declared once, read strictly, listed with their meaning.
+"""Settings of a driver: declared once, validated strictly, listed with their meaning.
 
-A driver declares its settings as a class, one line for each key, the unit in its name:
+A driver declares its settings as a class, one line per key, with the unit in the key's name:
 
     class MyGaugeSettings(Settings, frozen=True):
         driver = "mygauge"
@@ -9,9 +9,9 @@ A driver declares its settings as a class, one line for each key, the unit in it
 
         def check(self) -> None: ...        # rules between keys: `raise self.wrong("port", ...)`
 
-and makes them with `read_settings(MyGaugeSettings, table)`. Nothing is converted but a whole
-number to a float, no key is ignored, and NaN and infinity are refused everywhere. An object made
-in Python is checked in the same way, so that there are no settings that were never checked.
+and makes them with `read_settings(MyGaugeSettings, table)`. The only conversion is from a whole
+number to a float. No key is ignored, and NaN and infinity are refused everywhere. An object made in
+Python is checked in the same way, so unchecked settings do not exist.
 """
 
 import math
@@ -30,7 +30,7 @@ Kind = TypeVar("Kind", bound="Settings")
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Base of all settings. driver: whose they are, in the words of an error message."""
+    """Base class of all settings. driver: the driver's name in error messages."""
 
     driver: ClassVar[str] = "driver"
 
@@ -41,16 +41,17 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         self.check()
 
     def check(self) -> None:
-        """Rules between several keys; overridden where there are some."""
+        """Check rules between several keys; a subclass that has such rules overrides it."""
 
     def wrong(self, key: str, allowed: str) -> DriverConfigError:
-        """The error for a key that breaks a rule between several; allowed: "below timeout_s"."""
+        """Return the error for a key that breaks a rule between keys; allowed: e.g. "below
+        timeout_s"."""
         return _wrong(type(self), key, getattr(self, key), allowed)
 
 
 class SettingKey(msgspec.Struct, frozen=True):
-    """One setting as it is listed. type: what is allowed, in words; default: None where it has to
-    be given or is left open; unit: "" for none."""
+    """One setting as it is listed. type: what is allowed, in words; default: None if the key is
+    required or has no default value; unit: "" for none."""
 
     name: str
     type: str
@@ -61,8 +62,8 @@ class SettingKey(msgspec.Struct, frozen=True):
 
 
 def read_settings(kind: type[Kind], table: Mapping[str, Any]) -> Kind:
-    """Settings from a configuration table. Raises DriverConfigError with one sentence that names
-    the driver, the key, what was given, what is allowed, and the keys that there are."""
+    """Read settings from a configuration table. Raises DriverConfigError with one sentence that
+    names the driver, the key, the given value, what is allowed, and the known keys."""
     values = read_values(kind, table)
     for field in structs.fields(kind):
         if field.required and field.name not in values:
@@ -74,7 +75,7 @@ def read_settings(kind: type[Kind], table: Mapping[str, Any]) -> Kind:
 
 
 def read_values(kind: type[Settings], table: Mapping[str, Any]) -> dict[str, Any]:
-    """The given keys alone, each checked by itself; errors as in read_settings."""
+    """Return only the given keys, each checked individually; errors as in read_settings."""
     fields = {field.name: field for field in structs.fields(kind)}
     values = {}
     for key, value in table.items():
@@ -87,7 +88,7 @@ def read_values(kind: type[Settings], table: Mapping[str, Any]) -> dict[str, Any
 
 
 def list_keys(kind: type[Settings]) -> list[SettingKey]:
-    """Every key in the order in which it was declared."""
+    """Return every key in the order of declaration."""
     return [
         SettingKey(
             name=field.name,
@@ -109,7 +110,7 @@ def _default(field: structs.FieldInfo) -> Any:
 
 
 def unit_in_name(name: str) -> str:
-    """The unit at the end of a name: "um per V" for scale_um_per_v; "" for none."""
+    """Return the unit at the end of a name: "um per V" for scale_um_per_v; "" for none."""
     words = name.split("_")
     unit = ""
     while words and words[-1] in UNITS:
@@ -122,13 +123,13 @@ def unit_in_name(name: str) -> str:
 
 
 def allowed_words(field: structs.FieldInfo) -> str:
-    """What a key takes, in words: "a number, above 0 and at most 10"."""
+    """Return what a key accepts, in words: "a number, above 0 and at most 10"."""
     return _words(_plain_type(field)[0])
 
 
 def _checked(kind: type[Settings], field: structs.FieldInfo, value: Any) -> Any:
     if isinstance(value, float):
-        value = float(value)  # numpy's own float is one too
+        value = float(value)  # also turns a numpy float into a plain one
     try:
         value = msgspec.convert(value, field.type)
     except msgspec.ValidationError:
@@ -147,7 +148,7 @@ def _known(kind: type[Settings]) -> str:
 
 
 def _plain_type(field: structs.FieldInfo) -> tuple[inspect.Type, str]:
-    """The type without "or nothing" and without its description, and the description."""
+    """Return the type, without None and without its description, and the description."""
     found = inspect.type_info(field.type)
     if isinstance(found, inspect.UnionType):
         some = tuple(t for t in found.types if not isinstance(t, inspect.NoneType))

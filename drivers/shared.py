@@ -1,4 +1,4 @@
-"""One connection to a unit that an amplifier's and a sensor's driver share."""
+"""One connection to a unit that the drivers of an amplifier and of a sensor share."""
 
 import threading
 from collections.abc import Callable
@@ -7,8 +7,8 @@ from weakref import WeakValueDictionary
 
 
 class Shared:
-    """calls: held during each call, where the unit takes one at a time. Making the connection anew
-    holds another lock, so that nobody waits for a unit that is lost."""
+    """A connection and its users. calls: lock held during each call, if the unit takes one at a
+    time. Reconnecting holds another lock, so that nobody waits for a unit that is lost."""
 
     def __init__(self, make: Callable[[], Any], release: Callable[[Any], None]) -> None:
         self.calls = threading.RLock()
@@ -18,8 +18,8 @@ class Shared:
         self._made: Any = None
 
     def connect(self, user: int, make: Callable[[], Any] | None = None) -> Any:
-        """The connection, made where there is none. make: in place of the first user's, where the
-        users differ in how they connect. Raises what `make` raises."""
+        """Return the connection, after making it if there is none. make: replaces the first user's
+        function if users connect differently. Raises what `make` raises."""
         with self._making:
             if self._made is None:
                 self._made = (make or self._make)()
@@ -27,13 +27,13 @@ class Shared:
             return self._made
 
     def drop(self, failed: Any) -> None:
-        """A call over this connection failed: the next to connect makes one anew."""
+        """Discard a connection whose call failed; the next user to connect makes a new one."""
         with self._making:
             if self._made is failed and failed is not None:
                 self._end()
 
     def release(self, user: int) -> None:
-        """Use it no more; the last user ends it."""
+        """End this user's share of the connection; the last user closes it."""
         with self._making:
             self._users.discard(user)
             if not self._users and self._made is not None:
@@ -49,8 +49,8 @@ _finding = threading.Lock()
 
 
 def shared_by(key: str, make: Callable[[], Any], release: Callable[[Any], None]) -> Shared:
-    """The same one for all that name the same key. make: connects; release: disconnects, raises
-    nothing."""
+    """Return the Shared of this key, the same for every caller. make: connects; release:
+    disconnects and raises nothing."""
     with _finding:
         found = _shared.get(key)
         if found is None:

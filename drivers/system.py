@@ -1,8 +1,9 @@
-"""What an operating system may lack, in one place.
+"""Features that an operating system may lack, in one place.
 
-Everything but the loop also runs on Windows and macOS. Names of POSIX and of Linux stand here, and
-in the modules that only Linux runs: the loop, its rings, its supervisor, the emulated units.
-tests/packaging/test_systems.py compares every module with the names that Windows has.
+Everything except the loop also runs on Windows and macOS. Names that only POSIX or Linux has are
+used here, and in the modules that only Linux runs: the loop, its rings, its supervisor, the
+emulated units. tests/packaging/test_systems.py compares every module with the names that Windows
+has.
 """
 
 import os
@@ -27,63 +28,64 @@ except ImportError:  # Windows
 MOST_FILES = 65_536
 LINUX = sys.platform == "linux"
 MODES = hasattr(os, "geteuid")
-"""Whether files have owners and modes: Windows reports user 0 and 0o666 of every file."""
+"""Whether files have owners and modes: Windows reports user 0 and 0o666 for every file."""
 NO_FOLLOW: int = getattr(os, "O_NOFOLLOW", 0)
 CLOSE_ON_EXEC: int = getattr(os, "O_CLOEXEC", 0)
 BINARY: int = getattr(os, "O_BINARY", 0)
-"""Flags of os.open; 0 where there is no such thing. Windows would translate line ends in a
-descriptor without O_BINARY."""
+"""A flag of os.open, 0 on systems without it. Without O_BINARY, Windows would translate line ends
+in a descriptor."""
 
 
 def user_id() -> int:
-    """The number of the user for whom this process acts; 0 on Windows, as st_uid is there."""
+    """Return the id of the user for whom this process acts; 0 on Windows, like st_uid there."""
     return os.geteuid() if MODES else 0
 
 
 def others_may(found: os.stat_result, bits: int = stat.S_IWGRP | stat.S_IWOTH) -> bool:
-    """Whether a mode grants others any of these bits (to write, unless given); False where files
+    """Return whether a mode grants others any of these bits (to write, by default); False if files
     have no modes."""
     return MODES and bool(found.st_mode & bits)
 
 
 def sync_folder(folder: Path) -> None:
-    """A name that was given in this folder survives a power cut too, where that can be had."""
+    """Sync a folder so that a name created in it survives a power cut, on systems that allow it."""
     if not hasattr(os, "O_DIRECTORY"):
-        return  # Windows opens no folder
+        return  # Windows cannot open a folder
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | CLOSE_ON_EXEC)
     try:
         os.fsync(handle)
     except OSError:
-        pass  # some network file systems cannot
+        pass  # some network file systems do not support it
     finally:
         os.close(handle)
 
 
 def allow_open_files() -> None:
-    """As many connections as the system lets us have, not the 1024 of an ordinary login; Windows
-    has no such limit."""
+    """Raise the limit of open connections to the most the system allows, instead of the 1024 of an
+    ordinary login; Windows has no such limit."""
     if resource is None:
         return
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, MOST_FILES)
     if soft < wanted:
-        with suppress(ValueError, OSError):  # macOS has a lower bound of its own
+        with suppress(ValueError, OSError):  # macOS has a lower limit of its own
             resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
 def bound_memory(most_bytes: int, core_dump: bool = True) -> None:
-    """This process gets at most so much address space, and no core dump unless allowed, where the
-    system bounds them."""
+    """Limit this process's address space, and forbid a core dump unless allowed, on systems with
+    such limits."""
     if resource is None:
         return
-    with suppress(ValueError, OSError):  # macOS refuses some bounds
+    with suppress(ValueError, OSError):  # macOS refuses some limits
         resource.setrlimit(resource.RLIMIT_AS, (most_bytes, most_bytes))
     if not core_dump:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
 def bound_processor_time(most_s: int) -> None:
-    """This process ends by SIGXCPU after so much processor time [s], where the system bounds it."""
+    """End this process by SIGXCPU after this much processor time [s], on systems with that
+    limit."""
     if resource is None:
         return
     with suppress(ValueError, OSError):
@@ -91,29 +93,30 @@ def bound_processor_time(most_s: int) -> None:
 
 
 def lowest_priority() -> None:
-    """This process runs only where no other one wants to, as far as the system knows of that."""
+    """Run this process only when no other wants the processor, as far as the system supports
+    that."""
     with suppress(OSError, AttributeError):
         os.nice(19)
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 def end_unread(connection: socket.socket, after_ms: int) -> None:
-    """Have the kernel end a connection whose other side has taken nothing for so long, where it
-    can (TCP_USER_TIMEOUT, tcp(7)); connections inherit it from a socket that listens."""
+    """Have the kernel close a connection whose peer has accepted no data for `after_ms`, on systems
+    that can (TCP_USER_TIMEOUT, tcp(7)); connections inherit it from a listening socket."""
     if hasattr(socket, "TCP_USER_TIMEOUT"):
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, after_ms)
 
 
 def in_forked_child(call: Callable[[], None]) -> None:
-    """Call this in every child that is forked from now on; Windows forks none."""
+    """Call this in every child forked from now on; Windows has no fork."""
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=call)
 
 
 @contextmanager
 def anonymous_file(name: str, content: bytes) -> Iterator[str]:
-    """The path of a file with this content while the block lasts: in memory on Linux, else a
-    temporary one. Raises OSError."""
+    """Yield the path of a file with this content for the duration of the block: in memory on Linux,
+    otherwise a temporary file. Raises OSError."""
     if hasattr(os, "memfd_create"):
         held = os.memfd_create(name)
         with os.fdopen(held, "wb", closefd=False) as copy:
@@ -132,5 +135,5 @@ def anonymous_file(name: str, content: bytes) -> Iterator[str]:
 
 
 def kill_signal() -> int:
-    """The signal that no process can refuse; Windows has SIGTERM for it."""
+    """Return the signal that no process can ignore; SIGTERM on Windows."""
     return getattr(signal, "SIGKILL", signal.SIGTERM)

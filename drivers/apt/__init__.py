@@ -1,1 +1,1 @@
-"""What Thorlabs' K-Cubes and T-Cubes have in common: the APT messages and the link to one unit."""
+"""What Thorlabs' K-Cubes and T-Cubes share: the APT messages and the link to one unit."""

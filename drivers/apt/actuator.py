@@ -1,10 +1,10 @@
-"""A Thorlabs piezo driver over its USB serial port (APT protocol), open loop.
+"""A Thorlabs piezo driver on its USB serial port (APT protocol), in open loop.
 
 APT does not acknowledge a set. So each write is followed, in the same transfer, by a request for
-the output voltage, and the reply must be what was set. The unit reports its set-point in counts,
-so that the driver knows it exactly from the start.
+the output voltage, and the reply must match what was set. The unit reports its set-point in counts,
+so the driver knows it exactly from the start.
 
-The voltage limit is read and checked; it is never set, because it changes what a count is worth.
+The voltage limit is read and checked; it is never set, because it changes the value of a count.
 """
 
 import math
@@ -29,13 +29,14 @@ from dehyst.drivers.interface import (
 BATCHES = Batches()
 
 EXPECTED_S, MOST_HZ = 0.01, 1000.0
-"""A write before the unit has been timed, and what none exceeds: USB has a frame a millisecond."""
+"""Assumed time of a write before the unit has been timed, and the upper limit of the rate: a USB
+frame takes a millisecond."""
 
 HIGHEST_V = max(VOLTAGE_LIMITS_V.values())
 
 READBACK_COUNTS = 33
-"""How far the reported output may be from what was set: 0.1 % of the limit, room for rounding in
-the unit. A set that was not carried out is off by more, or does not matter."""
+"""How far the reported output may be from what was set: 0.1 % of the limit, which allows for
+rounding in the unit. A set that was not carried out is off by more, or by too little to matter."""
 
 
 class AptPiezo(AptRole, ABC):
@@ -58,7 +59,7 @@ class AptPiezo(AptRole, ABC):
 
     def open(self) -> None:
         """Connect, identify, check mode, sources and limit, enable the output and time a few sets
-        to where it stands. It does not move: one that was disabled is enabled at 0 V."""
+        to its present voltage. It does not move: a disabled output is enabled at 0 V."""
         channel, settings = self._channel, self.settings
         if channel.is_open:
             return
@@ -77,7 +78,7 @@ class AptPiezo(AptRole, ABC):
                     f"{channel.path}: the output is at {set_v:g} V, outside the 0 to "
                     f"{maximum_v:g} V allowed; bring it into that range by hand, or change max_v"
                 )
-            # what it stands at is set again: a set costs the unit as much as the request for it
+            # the present voltage is set again: a set costs the unit as much as the request for it
             again = channel.encode("pz_set_outputvolts", voltage=counts)
             times = BATCHES.best(lambda: reported_counts(channel, again), self._clock)
         except BaseException:
@@ -94,10 +95,10 @@ class AptPiezo(AptRole, ABC):
         self._update_spec(times)
 
     def write(self, volts: float) -> None:
-        """Set the output, rounded to a count; returns when the unit has reported it.
+        """Set the output, rounded to a count; return when the unit has reported it.
 
-        Raises OutOfRange (nothing written), DeviceTimeout, DeviceGone, and ProtocolError where the
-        unit reports another voltage: output() is then what it reports.
+        Raises OutOfRange (nothing written), DeviceTimeout, DeviceGone, and ProtocolError if the
+        unit reports another voltage: output() then returns the reported one.
         """
         channel = self._channel
         counts = self._counts(volts)
@@ -113,22 +114,22 @@ class AptPiezo(AptRole, ABC):
         self._set_v = set_v
 
     def output(self) -> float:
-        """The set-point in V that the unit reported last; NaN before open()."""
+        """Return the set-point in V that the unit reported last; NaN before open()."""
         return self._set_v
 
     def reconnect(self) -> None:
-        """Open the port again, see that the same unit answers, and ask it where its output stands;
-        the output does not move."""
+        """Open the port again, check that the same unit answers, and query its output; the output
+        does not move."""
         self.close()
         self.open()
 
     @abstractmethod
     def _read_limit_v(self, channel: AptChannel) -> float:
-        """The unit's voltage limit: what FULL_OUTPUT is worth. Raises ProtocolError."""
+        """Return the unit's voltage limit, the value of FULL_OUTPUT. Raises ProtocolError."""
 
     def _checked_limit_v(self, channel: AptChannel) -> float:
-        """The unit's voltage limit. Raises DriverConfigError where it is not what the settings
-        want, or leaves less than their range."""
+        """Return the unit's voltage limit. Raises DriverConfigError if it is not the configured one
+        or is below the configured range."""
         limit_v = self._read_limit_v(channel)
         wanted_v, max_v = self.settings.limit_v, self.settings.max_v
         if wanted_v is not None and limit_v != wanted_v:

@@ -12,8 +12,8 @@ from dehyst.drivers.shared import Shared, shared_by
 
 
 class AptChannel:
-    """One channel for one role, by its number from 1. Its calls raise DeviceTimeout, DeviceGone or
-    ProtocolError; calls of the other roles wait until one is done."""
+    """One channel in one role, by its number from 1. Its calls raise DeviceTimeout, DeviceGone or
+    ProtocolError; calls of the other roles wait until the current one is done."""
 
     def __init__(
         self, kind: AptKind, settings: AptSettings, clock: Callable[[], float], number: int = 1
@@ -25,17 +25,17 @@ class AptChannel:
 
     @property
     def path(self) -> str:
-        """Of the port; what the settings say while it is not open."""
+        """The port's path; the configured one while it is not open."""
         return self._link.path if self._link is not None else self._settings.port
 
     @property
     def is_open(self) -> bool:
-        """Between connect() and close()."""
+        """Whether connect() has succeeded and close() has not been called since."""
         return self._link is not None
 
     def connect(self, known: UnitIdentity | None) -> None:
-        """Open the port, or take part where it is open. Raises DeviceNotFound, and
-        DriverConfigError where the roles differ in what the port has once."""
+        """Open the port, or share it if it is open. Raises DeviceNotFound, and DriverConfigError if
+        the roles differ in a setting that the port has only once."""
         settings, kind = self._settings, self._kind
         wanted = settings.serial_number or (known.serial if known else None)
         path = kind.find_port(settings.port, wanted)
@@ -55,12 +55,12 @@ class AptChannel:
             )
 
     def identify(self, known: UnitIdentity | None) -> tuple[UnitIdentity, str]:
-        """As AptLink.identify."""
+        """Identify the unit, as AptLink.identify."""
         with self._in_use() as link:
             return link.identify(self._kind, self._settings.serial_number, known)
 
     def encode(self, name: str, **values: int) -> bytes:
-        """The bytes of a message to this channel."""
+        """Return the bytes of a message to this channel."""
         return encode_apt(name, destination=self._address, chan=1, **values)
 
     def send(self, name: str, **values: int) -> None:
@@ -71,21 +71,22 @@ class AptChannel:
     def ask(
         self, request: str, wanted: str, first: bytes = b"", to: int | None = None, **values: int
     ) -> AptMessage:
-        """As AptLink.ask, of this channel; of another address only what is given goes out."""
+        """Ask as AptLink.ask, with this channel's number; to another address only `values` are
+        sent."""
         if to is None:
             to, values = self._address, {"chan": 1, **values}
         with self._in_use() as link:
             return link.ask(request, wanted, first, to, **values)
 
     def close(self) -> None:
-        """Use the port no more; the last role gives it back. Safe to call twice."""
+        """Stop using the port; the last role closes it. Safe to call twice."""
         self._link = None
         if self._shared is not None:
             self._shared.release(id(self))
 
     @contextmanager
     def _in_use(self) -> Iterator[AptLink]:
-        """The link, for one call at a time; one whose port is gone is given up for all roles."""
+        """Yield the link, for one call at a time; if its port is gone, drop it for all roles."""
         shared, link = self._shared, self._link
         if shared is None or link is None:
             raise DeviceGone(f"{self._kind.driver} at {self._settings.port} is not open")

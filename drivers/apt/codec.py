@@ -1,14 +1,14 @@
-"""The APT protocol of Thorlabs K-Cubes and T-Cubes: bytes to messages and back, no port.
+"""The APT protocol of Thorlabs K-Cubes and T-Cubes: bytes to messages and back, without a port.
 
-A header of six bytes, little-endian, with data behind it or two parameters in it:
+A message is a six-byte header, little-endian, followed by data or containing two parameters:
 
     <HBBBB   id, parameter 1, parameter 2, destination, source
     <HHBB    id, length of the data, destination | 0x80, source         then the data
 
-All messages that a KSG101 / TSG001 strain gauge reader, a KPZ101 / TPZ001 piezo driver, or a
-channel of a KPC101, BPC301 or BPC303 knows here are in MESSAGES. The layouts are those of Thorlabs'
-"APT Communications Protocol"; packages on the net have other ids for the TSG messages, which the
-units do not answer.
+MESSAGES has all messages used here for a KSG101 / TSG001 strain gauge reader, a KPZ101 / TPZ001
+piezo driver, or a channel of a KPC101, BPC301 or BPC303. The layouts are those of Thorlabs' "APT
+Communications Protocol"; published packages use other ids for the TSG messages, which the units do
+not answer.
 """
 
 import struct
@@ -21,16 +21,17 @@ from dehyst.drivers.interface import ProtocolError
 HOST = 0x01
 UNIT = 0x50
 RACK, BAYS = 0x11, (0x21, 0x22, 0x23)
-"""A rack: its motherboard, and its bays of one channel each."""
+"""Addresses of a rack: its motherboard, and its bays with one channel each."""
 HEADER = struct.Struct("<HBBBB")
 LONG_HEADER = struct.Struct("<HHBB")
 HAS_DATA = 0x80
-LONGEST = 256  # bytes of data; more is garbage
+LONGEST = 256  # bytes of data; anything longer is garbage
 
 
 @dataclass(frozen=True)
 class MessageLayout:
-    """One kind of message. data: struct of the data ("": header only, values are parameters)."""
+    """The layout of one message. data: struct of the data ("": header only, values are
+    parameters)."""
 
     id: int
     name: str
@@ -39,13 +40,13 @@ class MessageLayout:
 
     @property
     def size(self) -> int:
-        """Bytes of data behind the header."""
+        """Number of data bytes after the header."""
         return struct.calcsize("<" + self.data) if self.data else 0
 
 
 @dataclass(frozen=True)
 class AptMessage:
-    """A message with its values by name; "0x...." and raw data where it is not in MESSAGES."""
+    """A message with its values by name; "0x...." and raw data if it is not in MESSAGES."""
 
     name: str
     values: dict[str, Any] = field(default_factory=dict)
@@ -117,31 +118,31 @@ CHANNEL_ENABLED, CHANNEL_DISABLED = 1, 2
 """States of mod_*_chanenablestate."""
 
 OPEN_LOOP, CLOSED_LOOP = 1, 2
-"""Modes of pz_*_poscontrolmode; 3 and 4 are the same with smooth transitions."""
+"""Modes of pz_*_poscontrolmode; 3 and 4 are the same modes with smooth transitions."""
 
 SOFTWARE_ONLY, EXTERNAL_SIGNAL, POTENTIOMETER = 0, 1, 2
-"""Sources of pz_*_inputvoltssrc: bits, which add to the voltage that software sets."""
+"""Sources of pz_*_inputvoltssrc: bits; each source adds to the voltage that software sets."""
 
 VOLTAGE_LIMITS_V = {1: 75.0, 2: 100.0, 3: 150.0}
-"""What voltage_limit of pz_*_tpz_iosettings says: the output at a voltage of FULL_OUTPUT."""
+"""voltage_limit of pz_*_tpz_iosettings -> output voltage at a value of FULL_OUTPUT."""
 
 FULL_OUTPUT = 32767
-"""voltage of pz_*_outputvolts at the unit's voltage limit."""
+"""The voltage field of pz_*_outputvolts at the unit's voltage limit."""
 
 FULL_TRAVEL = 32767
-"""A reading or position at the travel that pz_get_maxtravel reports."""
+"""The reading or position field at the travel that pz_get_maxtravel reports."""
 
 # status bits of pz_get_pzstatusupdate
 ACTUATOR_CONNECTED = 0x01
 ZEROED = 0x10
 GAUGE_CONNECTED = 0x100
 LOOP_CLOSED = 0x400
-LIMIT_75_V = 0x1000  # the next two bits: 100 and 150 V
+LIMIT_75_V = 0x1000  # the next two bits mean 100 and 150 V
 OUTPUT_ENABLED = 0x8000_0000
 
 
 def encode_apt(name: str, *, source: int = HOST, destination: int = UNIT, **values: Any) -> bytes:
-    """The bytes of a message. Raises ProtocolError for a wrong name, field or value."""
+    """Return the bytes of a message. Raises ProtocolError for a wrong name, field or value."""
     layout = BY_NAME.get(name)
     if layout is None:
         raise ProtocolError(f"there is no APT message '{name}' here")
@@ -159,7 +160,7 @@ def encode_apt(name: str, *, source: int = HOST, destination: int = UNIT, **valu
 
 
 class Decoder:
-    """Bytes in, messages out; finds its way back after garbage.
+    """Decode bytes into messages; resynchronises after garbage.
 
     receivers, senders: the addresses that messages may carry; anything else is garbage, which is
     skipped byte by byte and counted in `skipped`.
@@ -174,11 +175,11 @@ class Decoder:
         self._buffer = bytearray()
 
     def reset(self) -> None:
-        """Forget what has come of an unfinished message."""
+        """Discard the bytes of an unfinished message."""
         self._buffer.clear()
 
     def feed(self, data: bytes) -> list[AptMessage]:
-        """Take bytes as they come, in pieces of any size; return the messages they complete."""
+        """Take bytes in pieces of any size; return the messages that they complete."""
         self._buffer += data
         found: list[AptMessage] = []
         while len(self._buffer) >= HEADER.size:
@@ -194,7 +195,7 @@ class Decoder:
         return found
 
     def _size(self) -> int | None:
-        """Bytes of the message that starts here; None: none starts here."""
+        """Return the size in bytes of the message that starts here; None if none does."""
         number, first, second, destination, source = HEADER.unpack_from(self._buffer)
         if destination & ~HAS_DATA not in self.receivers or source not in self.senders:
             return None
@@ -214,7 +215,7 @@ class Decoder:
         if layout is None:
             table = {"data": data} if data else {"parameters": (first, second)}
             return AptMessage(f"0x{number:04x}", table, source, destination & ~HAS_DATA)
-        if layout.data:  # newer firmware may append fields: they are left alone
+        if layout.data:  # newer firmware may append fields: they are ignored
             values = struct.unpack_from("<" + layout.data, data)
         else:
             values = (first, second)

@@ -1,10 +1,10 @@
-"""The link to one APT unit on its USB serial port: requests, replies, and which unit it is.
+"""The link to one APT unit on its USB serial port: requests, replies, and the unit's identity.
 
-A rack has a bay of one channel for each output: its motherboard is asked who the unit is, and its
-bays are asked for everything else.
+A rack has a bay of one channel for each output: its motherboard reports the unit's identity, and
+all other requests go to its bays.
 
-The FTDI chip holds bytes back for 16 ms unless its latency timer is set to 1 ms (the port does
-that where it may; see also the udev rule).
+The FTDI chip holds bytes back for 16 ms unless its latency timer is set to 1 ms (the port does that
+if it is allowed to; see also the udev rule).
 """
 
 from collections.abc import Callable, Collection
@@ -26,9 +26,9 @@ USB_IDS = ((0x0403, 0xFAF0),)  # FTDI with Thorlabs' product number
 
 @dataclass(frozen=True)
 class AptKind:
-    """One kind of unit. driver: its name here; models: what such units call themselves; prefixes:
-    the first digits of their serial numbers, which USB reports as well; address: who is asked which
-    unit it is; channels: the address of each of its channels."""
+    """One kind of unit. driver: its name in this package; models: the names that such units report;
+    prefixes: the first digits of their serial numbers, which USB reports as well; address: where
+    the unit's identity is requested; channels: the address of each of its channels."""
 
     driver: str
     models: tuple[str, ...]
@@ -38,15 +38,15 @@ class AptKind:
 
     @property
     def addresses(self) -> tuple[int, ...]:
-        """All that such a unit answers from."""
+        """All addresses from which such a unit answers."""
         return tuple(dict.fromkeys((self.address, *self.channels)))
 
     def find_port(self, path: str, serial_number: str | None) -> str:
-        """The path to open; "auto": that of the one such unit on USB. serial_number: that of the
-        unit to find, if it is known. Raises DeviceNotFound."""
+        """Return the path to open; for "auto" that of the only such unit on USB. serial_number:
+        that of the unit to find, if it is known. Raises DeviceNotFound."""
         if path != "auto":
             return path
-        # a port whose serial number the system does not report may be any unit's
+        # a port whose serial number the system does not report may belong to any unit
         ports = [
             port
             for port in find_usb_ports(USB_IDS)
@@ -63,8 +63,8 @@ class AptKind:
 
 
 class AptLink:
-    """An open port with a unit behind it; used by one thread at a time. Its calls raise
-    DeviceTimeout, DeviceGone or ProtocolError. addresses: all that the unit answers from."""
+    """An open port with a unit on it; used by one thread at a time. Its calls raise DeviceTimeout,
+    DeviceGone or ProtocolError. addresses: all from which the unit answers."""
 
     def __init__(
         self,
@@ -74,11 +74,11 @@ class AptLink:
         clock: Callable[[], float],
         addresses: Collection[int] = (UNIT,),
     ) -> None:
-        """Open the port and end updates that nobody asked for. Raises DeviceNotFound."""
+        """Open the port and stop unsolicited updates. Raises DeviceNotFound."""
         self.timeout_s, self.rtscts = timeout_s, rtscts
         self._clock = clock
         self._decoder = Decoder((HOST,), addresses)
-        self._late: set[int] = set()  # where a request timed out: its reply may still come
+        self._late: set[int] = set()  # addresses where a request timed out: a late reply may follow
         self._port = SerialPort(path, write_timeout_s=timeout_s, rtscts=rtscts, clock=clock)
         try:
             for address in addresses:
@@ -90,11 +90,11 @@ class AptLink:
 
     @property
     def path(self) -> str:
-        """Of the port."""
+        """The port's path."""
         return self._port.path
 
     def close(self) -> None:
-        """Give the port back. Safe to call twice."""
+        """Close the port. Safe to call twice."""
         self._port.close()
 
     def send(self, name: str, to: int = UNIT, **values: int) -> None:
@@ -104,8 +104,8 @@ class AptLink:
     def identify(
         self, kind: AptKind, serial_number: str | None, known: UnitIdentity | None
     ) -> tuple[UnitIdentity, str]:
-        """Which unit answers, and the same in words. Raises ForeignUnit where it is of another
-        kind, has another serial number than the wanted one, or is not the one that is known."""
+        """Return which unit answers, and a description of it. Raises ForeignUnit if it is of
+        another kind, or has another serial number than the wanted one, or is not the known unit."""
         info = self.ask("hw_req_info", "hw_get_info", to=kind.address).values
         model = bytes(info["model"]).split(b"\0")[0].decode("ascii", "replace").strip()
         minor, interim, major, _ = bytes(info["firmware"])
@@ -127,12 +127,12 @@ class AptLink:
     def ask(
         self, request: str, wanted: str, first: bytes = b"", to: int = UNIT, **values: int
     ) -> AptMessage:
-        """Send a request and wait for its reply, past anything else, for timeout_s at most.
-        first: messages without a reply that go out ahead of it, in the same write."""
+        """Send a request and wait for its reply, at most timeout_s, ignoring other messages. first:
+        messages without a reply that are sent ahead of it, in the same write."""
         deadline_s = self._clock() + self.timeout_s
         if to in self._late and wanted != "hw_get_info":
-            # replies carry no number: ask for something else first, so that a late reply is
-            # not mistaken for the answer to this request
+            # replies carry no number: ask for something else first, so that a late reply is not
+            # mistaken for the answer to this request
             self._exchange("hw_req_info", "hw_get_info", to, deadline_s)
         return self._exchange(request, wanted, to, deadline_s, first, **values)
 

@@ -1,7 +1,7 @@
-"""A piezo channel in open loop: what is asked of it and checked before a voltage is set.
+"""A piezo channel in open loop: the checks made before a voltage is set.
 
-The loop mode and the input sources are read and checked; they are never set, because each of them
-moves the output.
+The loop mode and the input sources are read and checked; they are never set, because setting either
+of them moves the output.
 """
 
 from dehyst.drivers.apt import codec
@@ -10,13 +10,14 @@ from dehyst.drivers.interface import DriverConfigError, ProtocolError
 
 
 def reported_counts(channel: AptChannel, first: bytes = b"") -> int:
-    """The output voltage in counts that the unit reports, after the messages in `first`."""
+    """Return the output voltage in counts that the unit reports, after the messages in `first`."""
     reply = channel.ask("pz_req_outputvolts", "pz_get_outputvolts", first)
     return int(reply.values["voltage"])
 
 
 def check_ready(channel: AptChannel) -> None:
-    """Raise DriverConfigError unless the unit is in open loop and follows software alone."""
+    """Raise DriverConfigError unless the unit is in open loop and only software sets its
+    voltage."""
     mode = channel.ask("pz_req_poscontrolmode", "pz_get_poscontrolmode").values["mode"]
     if mode != codec.OPEN_LOOP:
         raise DriverConfigError(
@@ -41,8 +42,8 @@ def check_ready(channel: AptChannel) -> None:
 
 
 def enable(channel: AptChannel) -> None:
-    """Enable the output without a jump: one that is disabled is set to 0 V before. Raises
-    ProtocolError where the unit does not report 0 V, or stays disabled."""
+    """Enable the output without a jump: a disabled output is set to 0 V first. Raises ProtocolError
+    if the unit does not report 0 V, or stays disabled."""
     if _is_enabled(channel):
         return
     zero = channel.encode("pz_set_outputvolts", voltage=0)

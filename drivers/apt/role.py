@@ -1,4 +1,4 @@
-"""What an amplifier and a gauge of an APT unit have in common: whose channel they are."""
+"""What the amplifier and the gauge of an APT unit have in common: both use one of its channels."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -31,7 +31,7 @@ class AptRole:
 
     @property
     def number(self) -> int:
-        """Of the channel, from 1."""
+        """The channel's number, from 1."""
         return 1
 
     def expect(self, unit: UnitIdentity) -> None:
@@ -39,12 +39,13 @@ class AptRole:
         self._known = unit
 
     def close(self) -> None:
-        """Give the port back; an output stays where it is. Safe to call twice."""
+        """Close the port; an output stays where it is. Safe to call twice."""
         self._channel.close()
 
     def _check_channel(self, channel: AptChannel) -> None:
         """Raise DriverConfigError if the unit has no such channel."""
 
     def _more_words(self) -> str:
-        """Which channel, after the unit's identity; nothing where it has one."""
+        """Return which channel this is, to append to the unit's identity; "" if the unit has only
+        one."""
         return ""

@@ -47,6 +47,6 @@ class PiezoSettings(AptSettings, frozen=True):
     ) = None
 
     def check(self) -> None:
-        """A range beyond the limit that is demanded can never be had."""
+        """Refuse a range beyond the required voltage limit, which it could never reach."""
         if self.limit_v is not None and self.max_v is not None and self.max_v > self.limit_v:
             raise self.wrong("max_v", f"at most limit_v = {self.limit_v}")

@@ -1,4 +1,4 @@
-"""Thorlabs KPC101, BPC301 and BPC303 over serial: outputs, and the strain gauges beside them."""
+"""Thorlabs KPC101, BPC301 and BPC303 over serial: outputs and their strain gauges."""
 
 from dehyst.drivers.kpc101.actuator import Bpc303, Kpc101
 from dehyst.drivers.kpc101.sensor import Bpc303Sensor, Kpc101Sensor

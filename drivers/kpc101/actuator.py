@@ -1,4 +1,4 @@
-"""Thorlabs KPC101, BPC301 and BPC303 over their USB serial port (APT protocol): one output."""
+"""One output of a Thorlabs KPC101, BPC301 or BPC303 on its USB serial port (APT protocol)."""
 
 from typing import ClassVar
 

@@ -1,4 +1,4 @@
-"""The two kinds of units, and what is asked of a rack before one of its channels is used."""
+"""The two kinds of units, and the check of a rack's bay before one of its channels is used."""
 
 from dehyst.drivers.apt.channel import AptChannel
 from dehyst.drivers.apt.codec import BAY_OCCUPIED, BAYS, RACK
@@ -13,7 +13,7 @@ THREE_CHANNELS = AptKind(
 
 
 def check_bay(channel: AptChannel, number: int) -> None:
-    """Raise DriverConfigError where the bay of this channel is empty. number: from 1."""
+    """Raise DriverConfigError if the bay of this channel is empty. number: from 1."""
     reply = channel.ask("rack_req_bayused", "rack_get_bayused", to=RACK, bay=number - 1)
     if reply.values["state"] != BAY_OCCUPIED:
         raise DriverConfigError(
@@ -22,13 +22,13 @@ def check_bay(channel: AptChannel, number: int) -> None:
 
 
 class OneOfThree(AptRole):
-    """A role of one channel of a BPC303; its settings say which."""
+    """A role of one channel of a BPC303; its settings select the channel."""
 
     kind = THREE_CHANNELS
 
     @property
     def number(self) -> int:
-        """Of the channel, from 1."""
+        """The channel's number, from 1."""
         return int(self.settings.channel)
 
     def _check_channel(self, channel: AptChannel) -> None:

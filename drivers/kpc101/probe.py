@@ -1,4 +1,4 @@
-"""What a KPC101, BPC301 or BPC303 answers: harmless requests, and what the recorded replies say."""
+"""Harmless requests to a KPC101, BPC301 or BPC303, and how to interpret the recorded replies."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -24,7 +24,7 @@ Requests = tuple[tuple[str, dict[str, int]], ...]
 
 
 def _of_channel(address: int) -> Requests:
-    """What a channel is asked."""
+    """Return the requests to a channel."""
     names = (
         "mod_req_chanenablestate",
         "pz_req_poscontrolmode",
@@ -38,21 +38,21 @@ def _of_channel(address: int) -> Requests:
 
 
 def _of_unit(address: int) -> Requests:
-    """Who a unit is."""
+    """Return the requests that identify a unit."""
     return tuple((name, {"destination": address}) for name in ("hw_stop_updatemsgs", "hw_req_info"))
 
 
 REQUESTS = _of_unit(UNIT) + _of_channel(UNIT)
 RACK_REQUESTS = _of_unit(RACK) + tuple(one for bay in BAYS for one in _of_channel(bay))
-"""An empty bay answers none of its requests."""
+"""All requests to a rack; an empty bay answers none of its own."""
 
 
 @dataclass(frozen=True)
 class ProbedChannel:
-    """What the replies of one channel say. number: from 1; limit_v: 0: not known; output_v: the
-    set-point, which a disabled output does not stand at; open_loop, software_only: the driver needs
-    both; travel_um: 0: the unit does not know; position_um: None without travel or gauge, and at
-    full scale."""
+    """The content of one channel's replies. number: from 1; limit_v: 0 if unknown; output_v: the
+    set-point, which a disabled output does not have; open_loop, software_only: the driver needs
+    both; travel_um: 0 if the unit does not know it; position_um: None without travel or gauge, and
+    at full scale."""
 
     number: int
     limit_v: float
@@ -66,12 +66,12 @@ class ProbedChannel:
 
     @property
     def roles(self) -> tuple[str, ...]:
-        """What it can be: an actuator, and with a gauge a sensor."""
+        """What it can serve as: an actuator, and with a gauge also a sensor."""
         return (ACTUATOR, SENSOR) if self.gauge_connected else (ACTUATOR,)
 
 
 def interpret_channels(exchanges: list[RecordedExchange]) -> list[ProbedChannel]:
-    """The channels that answer, in their order; pure, so that it works on a fixture file too."""
+    """Return the channels that answer, in order; pure, so that it also works on a fixture file."""
     decoder = Decoder((HOST,), (UNIT, RACK, *BAYS))
     found: dict[int, dict[str, dict[str, Any]]] = {}
     for exchange in exchanges:

@@ -1,7 +1,7 @@
 """The strain gauge of a Thorlabs KPC101, BPC301 or BPC303 channel (APT protocol), in micrometres.
 
-The position is that of the unit's status, which it measures in open loop as well. (PZ_REQ_OUTPUTPOS
-answers for the closed loop alone.)
+The position comes from the unit's status, which is measured in open loop as well. (PZ_REQ_OUTPUTPOS
+reports a position for the closed loop only.)
 """
 
 import math
@@ -16,10 +16,10 @@ from dehyst.drivers.interface import DeviceSpec, DriverConfigError
 from dehyst.drivers.kpc101.kinds import ONE_CHANNEL, OneOfThree
 from dehyst.drivers.kpc101.settings import Bpc303SensorSettings, Kpc101SensorSettings
 
-BATCHES = Batches(most=4)  # as the KSG101's
+BATCHES = Batches(most=4)  # as for the KSG101
 
 EXPECTED_S = 0.01
-"""A reading before the unit has been timed."""
+"""Assumed duration of a reading before the unit has been timed."""
 
 
 class Kpc101Sensor(AptRole):
@@ -37,8 +37,8 @@ class Kpc101Sensor(AptRole):
         self.spec = self._spec()
 
     def open(self) -> None:
-        """Connect, identify, see that a gauge is there, learn its travel, and time a few readings.
-        Moves nothing."""
+        """Connect, identify, check for a gauge, learn its travel, and time a few readings. Moves
+        nothing."""
         if self._channel.is_open:
             return
         words = self._connect()
@@ -51,7 +51,7 @@ class Kpc101Sensor(AptRole):
             raise
 
     def read(self) -> float:
-        """One reading [um]; NaN at full scale, and while no gauge is connected.
+        """Take one reading [um]; NaN at full scale, and while no gauge is connected.
 
         Raises DeviceTimeout, DeviceGone or ProtocolError.
         """
@@ -62,7 +62,7 @@ class Kpc101Sensor(AptRole):
         return counts / FULL_TRAVEL * self._travel_um
 
     def reconnect(self) -> None:
-        """Open the port again and see that the same unit answers."""
+        """Open the port again and check that the same unit answers."""
         self.close()
         self._connect()
 
@@ -98,7 +98,7 @@ class Kpc101Sensor(AptRole):
         return float(travel_um)
 
     def _spec(self, identity: str = "", times: CallTimes | None = None) -> DeviceSpec:
-        reach_um = self._travel_um or 1.0  # not known before it is open
+        reach_um = self._travel_um or 1.0  # unknown until it is open
         latency_s = EXPECTED_S if times is None else times.percentile_s(50.0)
         return DeviceSpec(
             unit="um",

@@ -1,4 +1,4 @@
-"""The settings of the KPC101 and BPC303 drivers, of an output and of a gauge."""
+"""The settings of the KPC101 and BPC303 drivers, for an output and for a gauge."""
 
 from typing import Annotated
 
@@ -10,13 +10,13 @@ Channel = Annotated[int, Meta(ge=1, le=3, description="channel of the unit, coun
 
 
 class Kpc101Settings(PiezoSettings, frozen=True):
-    """Settings of the one output."""
+    """Settings of the only output."""
 
     driver = "kpc101"
 
 
 class Bpc303Settings(PiezoSettings, frozen=True):
-    """Settings of one output of three."""
+    """Settings of one of three outputs."""
 
     driver = "bpc303"
 
@@ -24,7 +24,7 @@ class Bpc303Settings(PiezoSettings, frozen=True):
 
 
 class Kpc101SensorSettings(AptSettings, frozen=True):
-    """Settings of the one gauge."""
+    """Settings of the only gauge."""
 
     driver = "kpc101"
 
@@ -34,7 +34,7 @@ class Kpc101SensorSettings(AptSettings, frozen=True):
 
 
 class Bpc303SensorSettings(Kpc101SensorSettings, frozen=True):
-    """Settings of one gauge of three."""
+    """Settings of one of three gauges."""
 
     driver = "bpc303"
 

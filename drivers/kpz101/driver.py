@@ -1,4 +1,4 @@
-"""Thorlabs KPZ101 / TPZ001 piezo driver over its USB serial port (APT protocol), open loop."""
+"""Driver of the Thorlabs KPZ101 / TPZ001 piezo driver on USB serial (APT protocol), open loop."""
 
 from dehyst.drivers.apt.actuator import AptPiezo
 from dehyst.drivers.apt.channel import AptChannel

@@ -1,4 +1,4 @@
-"""What a KPZ101 answers: harmless requests, and what the recorded replies say."""
+"""Harmless requests to a KPZ101, and how to interpret the recorded replies."""
 
 from dataclasses import dataclass
 
@@ -25,8 +25,8 @@ REQUESTS: tuple[tuple[str, dict[str, int]], ...] = (
 
 @dataclass(frozen=True)
 class ProbedPiezo:
-    """What the replies say. limit_v: 0: not known; output_v: the set-point, which a disabled output
-    does not stand at; open_loop, software_only: the driver needs both."""
+    """The content of the replies. limit_v: 0 if unknown; output_v: the set-point, which a disabled
+    output does not have; open_loop, software_only: the driver needs both."""
 
     limit_v: float = 0.0
     output_v: float = 0.0
@@ -36,7 +36,7 @@ class ProbedPiezo:
 
 
 def interpret_driver_requests(exchanges: list[RecordedExchange]) -> ProbedPiezo:
-    """What the replies say; pure, so that it works on a fixture file as well."""
+    """Interpret the replies; pure, so that it also works on a fixture file."""
     decoder, found = Decoder(), {}
     for exchange in exchanges:
         decoder.reset()

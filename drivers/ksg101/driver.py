@@ -1,4 +1,4 @@
-"""Thorlabs KSG101 / TSG001 strain gauge reader over its USB serial port (APT protocol)."""
+"""Driver of the Thorlabs KSG101 / TSG001 strain gauge reader on USB serial (APT protocol)."""
 
 import math
 import time
@@ -54,24 +54,25 @@ class Ksg101:
             raise
 
     def read(self) -> float:
-        """One reading [um]; NaN when the unit is at full scale.
+        """Take one reading [um]; NaN when the unit is at full scale.
 
         Raises DeviceTimeout, DeviceGone or ProtocolError.
         """
         values = self._require_link().ask("tsg_req_reading", "tsg_get_reading", chan=1).values
         counts = int(values["reading"])
-        if self.settings.smoothed:  # sent unsigned; below zero it wraps
+        if self.settings.smoothed:  # sent unsigned; negative values wrap
             counts = (int(values["smoothed"]) + 0x8000) % 0x10000 - 0x8000
         if abs(counts) >= FULL_SCALE:
             return math.nan
         return counts / FULL_SCALE * self._travel_um * self.settings.calibration
 
     def zero(self) -> None:
-        """Make the unit's present position its zero. A change of the unit: only when asked."""
+        """Make the unit's present position its zero. This changes the unit: do so only on
+        request."""
         self._require_link().send("pz_set_zero", chan=1)
 
     def reconnect(self) -> None:
-        """Open the port again and see that the same unit answers."""
+        """Open the port again and check that the same unit answers."""
         self.close()
         self._connect()
         try:
@@ -81,7 +82,7 @@ class Ksg101:
             raise
 
     def close(self) -> None:
-        """Give the port back. Safe to call twice."""
+        """Close the port. Safe to call twice."""
         if self._link is not None:
             self._link.close()
             self._link = None

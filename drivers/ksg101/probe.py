@@ -1,7 +1,7 @@
 """Record what a KSG101 really answers: raw bytes and times of harmless requests.
 
-Only requests are sent, and the message that stops unasked updates; no setting is changed, and the
-zero stays. A recording of a real unit becomes a test fixture.
+Only requests are sent, and the message that stops unsolicited updates; no setting is changed, and
+the zero is kept. A recording of a real unit becomes a test fixture.
 """
 
 import math
@@ -39,8 +39,8 @@ READING = encode_apt("tsg_req_reading", chan=1)
 
 @dataclass(frozen=True)
 class GaugeProbeTuning:
-    """Waits [s], generous because a reply that is cut off would make a false recording: an FTDI
-    chip holds bytes back for 16 ms. No benchmark sets them."""
+    """Waits [s], generous because a truncated reply would make a false recording: an FTDI chip
+    holds bytes back for 16 ms. No benchmark sets them."""
 
     first_byte_s: float = 0.3
     quiet_s: float = 0.05
@@ -51,9 +51,9 @@ TUNING = GaugeProbeTuning()
 
 @dataclass(frozen=True)
 class ProbedGauge:
-    """What the recorded replies say. model: "" where what answers is no APT unit; travel_um: of
-    100 %, 0: the unit does not know; reading_um: NaN at full scale or without travel; answers: by
-    the message's name, its values in words; skipped: bytes that are no message."""
+    """The content of the recorded replies. model: "" if no APT unit answers; travel_um: at 100 %, 0
+    if the unit does not know it; reading_um: NaN at full scale or without travel; answers: message
+    name -> its values in words; skipped: number of bytes that belong to no message."""
 
     model: str = ""
     firmware: str = ""
@@ -72,8 +72,8 @@ def record_requests(
     clock: Callable[[], float] = time.monotonic,
     requests: Sequence[tuple[str, dict[str, int]]] = REQUESTS,
 ) -> list[RecordedExchange]:
-    """Send every request and record everything, until each reply has been quiet; no more than the
-    first two where nothing answers. requests: of another APT unit, the first two the same."""
+    """Send every request and record all replies, each until the line is quiet; stop after the first
+    two if nothing answers. requests: of another APT unit, with the same first two."""
     start_s, exchanges = clock(), []
     waits_s = TUNING.first_byte_s, TUNING.quiet_s
     for number, (name, values) in enumerate(requests):
@@ -86,7 +86,8 @@ def record_requests(
 
 
 def interpret_gauge_requests(exchanges: list[RecordedExchange]) -> ProbedGauge:
-    """What the replies say, those of a rack as well; pure, so that it works on a fixture file."""
+    """Interpret the replies, also those of a rack; pure, so that it also works on a fixture
+    file."""
     decoder, found = Decoder((HOST,), (UNIT, RACK, *BAYS)), {}
     for exchange in exchanges:
         decoder.reset()
@@ -116,7 +117,7 @@ def interpret_gauge_requests(exchanges: list[RecordedExchange]) -> ProbedGauge:
 def time_readings(
     port: SerialPort, count: int, clock: Callable[[], float] = time.monotonic
 ) -> CallTimes:
-    """Round trips of readings, one after the other. Raises DeviceTimeout."""
+    """Time round trips of readings, one after the other. Raises DeviceTimeout."""
     times, decoder = CallTimes(kept=count), Decoder()
     for _ in range(count):
         started_s = clock()

@@ -22,6 +22,6 @@ class Ksg101Settings(AptSettings, frozen=True):
     smoothed: Annotated[bool, Meta(description="use the unit's own smoothed reading")] = False
 
     def check(self) -> None:
-        """A factor of 0 would hide every motion."""
+        """Refuse a factor of 0, which would hide every motion."""
         if self.calibration == 0:
             raise self.wrong("calibration", "a number other than 0")

@@ -1,8 +1,8 @@
-"""The serial language of the Thorlabs MDT693B / MDT694B, without any port: bytes in, events out.
+"""The serial protocol of the Thorlabs MDT693B / MDT694B, without a port: bytes in, events out.
 
-The unit speaks one of several reply dialects, by firmware: see dialects.py. NUL bytes are dropped
-and LF counts as CR: both are seen on real lines. Where nothing but silence ends a reply, the
-caller reports it by calling `silence()`.
+The unit uses one of several reply dialects, depending on its firmware: see dialects.py. NUL bytes
+are dropped and LF counts as CR: both occur on real lines. If only silence ends a reply, the caller
+reports it by calling `silence()`.
 
 The caller sends one command at a time:
 
@@ -10,8 +10,8 @@ The caller sends one command at a time:
     port.write(codec.send("xvoltage=12.500"))
     for event in codec.receive(port.read()): ...      # Ack
 
-An acknowledgement is never invented: an Ack comes from an acknowledging byte with nothing but
-the echo before it, and one byte gives at most one event.
+An acknowledgement is never invented: an Ack comes from an acknowledging byte with nothing but the
+echo before it, and one byte produces at most one event.
 """
 
 from dehyst.drivers.mdt693b.dialects import Dialect
@@ -34,7 +34,7 @@ TERMINATOR = b"\r"
 
 
 class Mdt693bCodec:
-    """One side of the conversation. dialect: see `detect_dialect`."""
+    """The host's side of the protocol. dialect: see `detect_dialect`."""
 
     def __init__(self, dialect: Dialect) -> None:
         self.dialect = dialect
@@ -47,16 +47,17 @@ class Mdt693bCodec:
 
     @property
     def unparsed(self) -> bytes:
-        """Bytes received that have not made an event yet."""
+        """Bytes received that have not produced an event yet."""
         return self._exchange.buffer
 
     def send(self, command: str, barrier: bool = False) -> bytes:
-        """The bytes of `command`; from now on its reply is expected. What was received and not
-        understood until now is forgotten: look at `unparsed` first.
+        """Return the bytes of `command` and expect its reply from now on. Received bytes that
+        produced no event are discarded: look at `unparsed` first.
 
         barrier: only the answer to this query ends it; acknowledgements and errors before it are
-        late ones of earlier commands (the unit works in order). ValueError when `command` is no
-        query, or one whose answer may be blank: they could not be distinguished from late replies.
+        late ones of earlier commands (the unit answers in order). Raises ValueError when `command`
+        is not a query, or is one whose answer may be blank: such answers could not be distinguished
+        from late replies.
         """
         form = form_of(command)
         if barrier and (form.pattern is None or form.blank):
@@ -66,8 +67,8 @@ class Mdt693bCodec:
         return sent + TERMINATOR
 
     def receive(self, data: bytes) -> list[ReplyEvent]:
-        """Events that `data` completes, in order. Bytes behind the reply stay in `unparsed`
-        until silence() or the next send()."""
+        """Return the events that `data` completes, in order. Bytes after the reply stay in
+        `unparsed` until silence() or the next send()."""
         exchange = self._exchange
         exchange.buffer += _cleaned(data)
         events: list[ReplyEvent] = []
@@ -79,8 +80,8 @@ class Mdt693bCodec:
         return events
 
     def silence(self) -> list[ReplyEvent]:
-        """The line has been quiet: whatever is in the buffer is complete, unless it is no more
-        than the echo, behind which the reply is still to come."""
+        """Return the events that silence on the line completes: all that is in the buffer, unless
+        it is at most the echo, whose reply is still to come."""
         exchange, framing = self._exchange, self.dialect.framing
         if exchange.only_echo:
             return []
@@ -93,13 +94,13 @@ class Mdt693bCodec:
 
 
 def late_replies(dialect: Dialect, raw: bytes) -> list[ReplyEvent]:
-    """Acknowledgements and errors in bytes that came in unasked."""
+    """Return the acknowledgements and errors in unsolicited bytes."""
     return dialect.framing.late(_cleaned(raw))
 
 
 def detect_dialect(reply: bytes) -> Dialect | None:
-    """The dialect, from everything that came back after an empty line; None if it is not
-    clear. The empty line earns an error: "!" or "CMD_NOT_DEFINED>"."""
+    """Return the dialect, given everything received after an empty line; None if it is unclear. The
+    unit answers the empty line with an error: "!" or "CMD_NOT_DEFINED>"."""
     text = reply.replace(b"\0", b"").strip(b"\r\n")
     return next((dialect for dialect in Dialect if dialect.framing.recognises(text)), None)
 

@@ -1,4 +1,4 @@
-"""The reply dialects of the MDT693B, one row each; what a row must do is a Framing.
+"""The reply dialects of the MDT693B, one row each; a Framing defines what a row must implement.
 
             legacy, firmware <= 1.06          modern, firmware >= 1.09
     reply   [echo] ("*" [payload CR] | "!")   [echo] [payload CR] ">"
@@ -6,9 +6,9 @@
     query   *[  24.8]\\r                       [  0.24]\\r>
     error   !                                 CMD_NOT_DEFINED>
 
-To add one with another prompt or other error words: a row here. To add another framing: a file
-beside legacy.py and modern.py, and a row here. The emulated unit has its own table of them in
-drivers/emulated/mdt693b_dialects.py.
+To add a dialect with another prompt or other error words, add a row here. To add another framing,
+add a file next to legacy.py and modern.py, and a row here. The emulated unit has its own table of
+dialects in drivers/emulated/mdt693b_dialects.py.
 """
 
 from enum import Enum
@@ -20,10 +20,11 @@ from dehyst.drivers.mdt693b.modern import Modern
 
 
 class Framing(Protocol):
-    """How a firmware puts its replies into bytes.
+    """How a firmware encodes its replies as bytes.
 
-    name: for logs; padding: bytes at the ends of a reply that mean nothing; ends_in_silence:
-    nothing else may mark a reply's end. NUL bytes are gone and LF is CR in all that it is given.
+    name: for logs; padding: bytes at the ends of a reply that have no meaning; ends_in_silence: a
+    reply may end without any mark. In every input, NUL bytes have been removed and LF replaced by
+    CR.
     """
 
     @property
@@ -36,35 +37,35 @@ class Framing(Protocol):
     def ends_in_silence(self) -> bool: ...
 
     def parse(self, x: Exchange) -> list[ReplyEvent] | None:
-        """The events of the reply, taken from the buffer; None: more is to come."""
+        """Take the reply from the buffer and return its events; None if more is to come."""
         ...
 
     def at_silence(self, x: Exchange) -> list[ReplyEvent]:
-        """The events of a reply that only silence ends."""
+        """Return the events of a reply that only silence ends."""
         ...
 
     def late(self, text: bytes) -> list[ReplyEvent]:
-        """Acknowledgements and errors in bytes that came in unasked, marked late."""
+        """Return the acknowledgements and errors in unsolicited bytes, marked late."""
         ...
 
     def recognises(self, reply: bytes) -> bool:
-        """Whether this is how the dialect answers an empty line. The first row that says yes
-        counts."""
+        """Return whether the dialect answers an empty line like this. The first row that returns
+        True is used."""
         ...
 
 
 class Dialect(Enum):
-    """The rows. `framing` is what each of them does."""
+    """The rows of the table. `framing` implements each of them."""
 
     MODERN = Modern()
     LEGACY = Legacy()
 
     @property
     def framing(self) -> Framing:
-        """What this dialect does."""
+        """Return the dialect's implementation."""
         return self.value
 
     @classmethod
     def named(cls, name: str) -> "Dialect":
-        """The row of this name."""
+        """Return the row of this name."""
         return next(dialect for dialect in cls if dialect.framing.name == name)

@@ -1,15 +1,15 @@
 """Driver of the Thorlabs MDT693B and MDT694B piezo amplifiers on a serial port (USB CDC-ACM).
 
-The unit has no way to ask for its set-point: `xvoltage?` reads an ADC with an offset of about
-0.2 V and a lag of up to 0.25 s. So the set-point is kept here, in software. Right after open()
-it is known only as well as that readback (about 0.3 V), unless the setting `initial_v` gives it.
-No loop is ever closed on the readback.
+The unit cannot report its set-point: `xvoltage?` reads an ADC with an offset of about 0.2 V and a
+lag of up to 0.25 s. The driver therefore keeps the set-point in software. Right after open() it is
+known only as accurately as that readback (about 0.3 V), unless the setting `initial_v` gives it. No
+loop is ever closed on the readback.
 
 Outputs of one unit, driven in one process, share its port: see unit.py and together.py.
 
 Commands that move an output by themselves (`restore`) are never sent. The limits of the unit
-(voltage switch, axis minimum and maximum) are read and held: a value outside raises OutOfRange
-before a byte is written.
+(voltage switch, axis minimum and maximum) are read and respected: a value outside them raises
+OutOfRange before a byte is written.
 """
 
 import math
@@ -90,7 +90,7 @@ class Mdt693b:
         self._timed_before = False
         self._words = NATIVE
         self._set_v = math.nan  # the last acknowledged set-point
-        self._tried_v: float | None = None  # a set whose fate is not known
+        self._tried_v: float | None = None  # a set whose outcome is unknown
         self._stray_before = 0
 
     @classmethod
@@ -100,7 +100,7 @@ class Mdt693b:
 
     @property
     def serial_number(self) -> str | None:
-        """The unit's; "" where it is blank, None before open()."""
+        """The unit's serial number; "" if it is blank, None before open()."""
         return None if self.unit is None else self.unit.serial
 
     def expect(self, unit: UnitIdentity) -> None:
@@ -113,7 +113,7 @@ class Mdt693b:
 
     @property
     def dialect(self) -> Dialect | None:
-        """The dialect of the unit, None while closed."""
+        """The dialect of the unit; None while closed."""
         return self._link.dialect if self._link else None
 
     def open(self) -> None:
@@ -134,12 +134,12 @@ class Mdt693b:
         self._tried_v = None
 
     def write(self, volts: float) -> None:
-        """Set the output to `volts`, rounded to 1 mV; returns when the unit has acknowledged.
+        """Set the output to `volts`, rounded to 1 mV; return when the unit has acknowledged.
 
-        Raises OutOfRange (nothing written); DeviceTimeout when the acknowledgement does not come
-        in time (the set is neither queued nor repeated; output() tells the last one that was
+        Raises OutOfRange (nothing written); DeviceTimeout when the acknowledgement does not arrive
+        in time (the set is neither queued nor repeated; output() returns the last one that was
         acknowledged, and the next call first makes sure that no reply is outstanding);
-        ProtocolError when the unit refuses or answers nonsense; DeviceGone after an unplug.
+        ProtocolError when the unit refuses or gives an invalid answer; DeviceGone after an unplug.
         """
         self._opened()
         volts = self.admit(volts)
@@ -158,25 +158,25 @@ class Mdt693b:
             self._update_spec(self.timing)
 
     def output(self) -> float:
-        """The last acknowledged set-point in V; after open() the readback, good to 0.3 V, or
-        `initial_v`. NaN before open()."""
+        """Return the last acknowledged set-point in V; after open() the readback, accurate to 0.3
+        V, or `initial_v`. NaN before open()."""
         return self._set_v
 
     def readback(self) -> float:
-        """The voltage in V that the unit's ADC sees: late, with an offset, for slow checks only.
-        Takes a round trip like write()."""
+        """Return the voltage in V that the unit's ADC measures. It is late and has an offset: use
+        it for slow checks only. Takes a round trip like write()."""
         with self.conversation() as link:
             self.get_in_step(link)
             return float(link.ask(self.word("read")).value)
 
     def reconnect(self) -> None:
-        """Restore the link after DeviceGone or DeviceTimeout. The dialect is detected anew and
-        the limits are read again; the output does not move. Raises ForeignUnit when another
-        unit answers, or may: one without a serial number whose output is not where it was left.
+        """Restore the link after DeviceGone or DeviceTimeout. The dialect is detected and the
+        limits are read again; the output does not move. Raises ForeignUnit when another unit
+        answers, or may have: one without a serial number whose output is not where it was left.
 
-        The set-point stays the last acknowledged one. If a set was under way when the link was
+        The set-point remains the last acknowledged one. If a set was in progress when the link was
         lost, the readback decides whether it was carried out; a readback far from both (the unit
-        was switched off, the knob was turned) is taken as the output.
+        was switched off, the knob was turned) becomes the known output.
         """
         tried_v, was_open = self._tried_v, not math.isnan(self._set_v)
         self.close()
@@ -200,7 +200,7 @@ class Mdt693b:
         return None
 
     def close(self) -> None:
-        """Give the port back; the output stays where it is. Safe to call twice."""
+        """Close the port; the output stays where it is. Safe to call twice."""
         if self._link is not None:
             self._stray_before += self._link.stray_bytes
         self._link, unit, self._unit = None, self._unit, None
@@ -211,17 +211,19 @@ class Mdt693b:
 
     @property
     def unit_key(self) -> str:
-        """The same for outputs of one unit."""
+        """The same string for all outputs of one unit."""
         return str(id(self._unit)) if self._unit is not None else ""
 
     def join(self, others: Sequence["Mdt693b"]) -> JointOutputs:
-        """This output and others of the same unit, all open. Measures what rate they sustain."""
+        """Combine this output with others of the same unit, all open, and measure their joint
+        rate."""
         return JointOutputs((self, *others), self._clock)
 
     @contextmanager
     def conversation(self) -> Iterator[Mdt693bLink]:
-        """The link, for this thread alone. Raises DeviceGone where it is lost; what fails within
-        is a loss for all outputs of the unit, except a command that was refused."""
+        """Yield the link, reserved for this thread. Raises DeviceGone if it is lost. An error
+        inside the block counts as a loss for all outputs of the unit, except a command that was
+        refused."""
         link, unit = self._opened(), self._unit
         if unit is None:
             yield link
@@ -236,17 +238,17 @@ class Mdt693b:
                 raise
 
     def trying(self, volts: float | None) -> None:
-        """A set goes out whose fate is not known yet; None: it was refused."""
+        """Note that a set is sent whose outcome is not known yet; None: it was refused."""
         self._tried_v = volts
 
     def carried_out(self, volts: float) -> None:
-        """The unit has acknowledged this set-point."""
+        """Note that the unit has acknowledged this set-point."""
         self._set_v, self._tried_v = volts, None
 
-    # -- inside
+    # -- internal
 
     def _connect(self) -> None:
-        """Everything of open() and reconnect() that does not touch the set-point."""
+        """Do everything in open() and reconnect() that does not concern the set-point."""
         unit = shared_unit(self.config)
         unit.claim(self.config, self)
         self._unit = unit
@@ -279,19 +281,19 @@ class Mdt693b:
         self.spec = replace(
             self.spec, minimum=facts.minimum_v, maximum=facts.maximum_v, identity=facts.identity
         )
-        # while others use the link, what was measured before counts
+        # while other outputs use the link, the earlier measurement is kept
         alone = self._unit is None or not self._unit.shared
         if config.rate_hz is None and (alone or not self._timed_before):
             self._update_spec(TUNING.batches.best(self._ask, self._clock))
             self._timed_before = True
 
     def _ask(self) -> None:
-        """A reading, for its duration."""
+        """Take a reading, to time it."""
         with self.conversation() as link:
             link.ask(self.word("read"))
 
     def get_in_step(self, link: Mdt693bLink) -> None:
-        """Before the next command: find out what became of a set that was not acknowledged."""
+        """Before the next command, find out what happened to a set that was not acknowledged."""
         link.get_in_step()
         tried_v, self._tried_v = self._tried_v, None
         acks, refusals = link.late.acks, link.late.refusals
@@ -313,7 +315,8 @@ class Mdt693b:
         )
 
     def admit(self, volts: float) -> float:
-        """`volts` as it will be written: in range, on the grid of the text, not beyond a limit."""
+        """Return `volts` as it will be written: in range, rounded to DECIMALS, not beyond a
+        limit."""
         minimum, maximum = self.spec.minimum, self.spec.maximum
         if not minimum <= volts <= maximum:  # NaN included
             raise OutOfRange(
@@ -329,7 +332,8 @@ class Mdt693b:
         return rounded + 0.0  # no -0.0
 
     def _settled_readback(self, *expected: float | None) -> float:
-        """The readback once it stands still, or as soon as it is at one of the expected values."""
+        """Return the readback once it has settled, or as soon as it is close to an expected
+        value."""
         give_up_s = self._clock() + TUNING.longest_settle_s
         before_v = math.nan
         while True:
@@ -343,7 +347,7 @@ class Mdt693b:
             self._sleep(TUNING.settle_s)
 
     def _inside(self, volts: float) -> float:
-        """A readback with its offset, brought into the range that can be written."""
+        """Clip a readback, which has an offset, to the range that can be written."""
         inside_v = min(max(volts, self.spec.minimum), self.spec.maximum)
         if abs(inside_v - volts) > TUNING.readback_tolerance_v:
             self.close()
@@ -366,7 +370,7 @@ class Mdt693b:
         return self._link
 
     def _or_close(self, job: Callable[[], T]) -> T:
-        """The result of `job`; the port is given back when it fails."""
+        """Return the result of `job`; close the port if it fails."""
         try:
             return job()
         except Exception:

@@ -1,4 +1,4 @@
-"""One command and what has come back of its reply so far, and the events that are made of it."""
+"""One command, the part of its reply received so far, and the events made from it."""
 
 import re
 from dataclasses import dataclass
@@ -8,14 +8,14 @@ from dehyst.drivers.mdt693b.replies import Form
 
 @dataclass(frozen=True)
 class Ack:
-    """A command was carried out. late: it belongs to an earlier command than the last sent."""
+    """A command was carried out. late: it belongs to an earlier command than the last one sent."""
 
     late: bool = False
 
 
 @dataclass(frozen=True)
 class Refused:
-    """The unit answered with an error; text is b"!" or what it wrote. late: as in Ack."""
+    """The unit answered with an error; text is b"!" or what the unit wrote. late: as in Ack."""
 
     text: bytes
     late: bool = False
@@ -23,8 +23,8 @@ class Refused:
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer to a query. payload: what lies between echo and prompt, CR between lines;
-    value: the payload without brackets and padding."""
+    """The answer to a query. payload: the bytes between echo and prompt, CR between lines; value:
+    the payload without brackets and padding."""
 
     payload: bytes
     value: str
@@ -32,7 +32,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Garbled:
-    """Bytes that are no reply to what was sent."""
+    """Bytes that are not a reply to what was sent."""
 
     raw: bytes
 
@@ -41,8 +41,9 @@ ReplyEvent = Ack | Refused | Answer | Garbled
 
 
 class Exchange:
-    """sent: the command without terminator; form: its reply's, None once that is complete;
-    barrier: only the answer to this query ends it; buffer: bytes that made no event yet."""
+    """One command and its reply. sent: the command without terminator; form: that of its reply,
+    None once the reply is complete; barrier: only the answer to this query ends it; buffer: bytes
+    that have produced no event yet."""
 
     def __init__(self) -> None:
         self.sent = b""
@@ -51,31 +52,31 @@ class Exchange:
         self.buffer = b""
 
     def begin(self, sent: bytes, form: Form, barrier: bool) -> None:
-        """A new command; what came before it is forgotten."""
+        """Start a new command and forget what was received before it."""
         self.sent, self.form, self.barrier, self.buffer = sent, form, barrier, b""
 
     @property
     def only_echo(self) -> bool:
-        """Whether the reply is still to come behind what may be the echo."""
+        """Return whether the buffer may be only the echo, with the reply still to come."""
         begun = self.buffer.strip(b"\r").lower()
         return self.form is not None and self.sent.lower().startswith(begun)
 
     def without_echo(self, text: bytes) -> bytes:
-        """The text behind the echo and the CRs around it."""
+        """Return the text after the echo and the CRs around it."""
         text = text.lstrip(b"\r")
         if self.sent and text[: len(self.sent)].lower() == self.sent.lower():
             text = text[len(self.sent) :]
         return text.lstrip(b"\r")
 
     def answers(self, payload: bytes) -> bool:
-        """Whether the payload is what the command calls for."""
+        """Return whether the payload is a valid answer to the command."""
         form = self.form
         if form is None or form.pattern is None:
             return form is not None and not payload
         return form.pattern.fullmatch(payload) is not None and (bool(payload) or form.blank)
 
     def finish(self, payload: bytes) -> ReplyEvent:
-        """End the reply with `payload`: an event of the kind that the command calls for."""
+        """End the reply with `payload`; return the kind of event that the command calls for."""
         form, answers = self.form, self.answers(payload)
         self.form = None
         if not answers or form is None:
@@ -87,7 +88,7 @@ class Exchange:
         return Answer(payload, match.group("value").decode("ascii", "replace").strip())
 
     def finish_barrier(self, payload: bytes) -> list[ReplyEvent]:
-        """The barrier's answer stands at the end; before it, late answers and noise."""
+        """End the reply to a barrier: its answer comes last, after late answers and noise."""
         assert self.form is not None
         assert self.form.pattern is not None
         own = re.search(rb"(?:%s)\Z" % self.form.pattern.pattern, payload)

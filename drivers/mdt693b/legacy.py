@@ -1,8 +1,8 @@
 """The reply framing of firmware up to 1.06: acknowledge first; often nothing marks the end.
 
-Some queries put no CR behind the payload, some no "*" before it, some a second "*" after it, and
-nothing marks the end of the several lines of "id?". So a reply ends with its bracket line where
-the query has no trailer (the voltage reads), and otherwise with silence.
+For some queries there is no CR after the payload, for some no "*" before it, for some a second "*"
+after it, and nothing marks the end of the several lines of "id?". So a reply ends with its bracket
+line if the query has no trailer (the voltage reads), and otherwise with silence.
 """
 
 import re
@@ -19,7 +19,7 @@ class Legacy:
     ends_in_silence = True
 
     def parse(self, x: Exchange) -> list[ReplyEvent] | None:
-        """An acknowledgement, or a bracket line; the rest ends with silence."""
+        """Return an acknowledgement, or a bracket line; other replies end with silence."""
         assert x.form is not None
         text = x.without_echo(x.buffer)
         if x.form.ends is Ends.ACK:
@@ -28,7 +28,7 @@ class Legacy:
             if text[:1] in (b"*", b"!"):
                 x.form, x.buffer = None, text[1:]
                 return [Ack() if text[:1] == b"*" else Refused(b"!")]
-            return None  # an echo still to come, or garbage: silence() or the time-out tells
+            return None  # an echo alone, or garbage: silence() or the time-out decides
         if x.form.ends is Ends.LINE:
             line = re.search(rb"\[[^\[\]\r]*\]\r", text)
             if line is not None:
@@ -40,7 +40,7 @@ class Legacy:
         return None
 
     def at_silence(self, x: Exchange) -> list[ReplyEvent]:
-        """A payload without an end of its own is complete."""
+        """Complete a payload that has no end mark."""
         form = x.form
         assert form is not None
         text = x.without_echo(x.buffer)
@@ -58,16 +58,16 @@ class Legacy:
         return events + (x.finish_barrier(payload) if x.barrier else [x.finish(payload)])
 
     def late(self, text: bytes) -> list[ReplyEvent]:
-        """Marks that belong to no bracket line."""
+        """Return the marks that belong to no bracket line."""
         return _late(b"".join(re.findall(rb"\*(?!\[)|!", text)), own=0)
 
     def recognises(self, reply: bytes) -> bool:
-        """Whether this is "!" after an empty line, or another mark at the end."""
+        """Return whether this is "!" after an empty line, or another mark at the end."""
         return reply.endswith((b"!", b"*"))
 
 
 def _late(marks: bytes, own: int) -> list[ReplyEvent]:
-    """The acknowledgements and errors in `marks`, without the last `own` acknowledgements."""
+    """Return the acknowledgements and errors in `marks` except the last `own` acknowledgements."""
     events: list[ReplyEvent] = []
     stars = marks.count(b"*")
     for mark in marks:

@@ -1,11 +1,10 @@
-"""A conversation with an MDT693B over an open port: one command at a time, deadlines, staying
-in step.
+"""Exchange commands with an MDT693B over an open port: one at a time, with deadlines, in step.
 
-In step means that every reply to an earlier command has been read, so that the next
-acknowledgement can only belong to the next set. After a time-out, a garbled reply or bytes that
-nobody asked for this is not certain any more. The unit works in order, so a query whose answer
-cannot be mistaken for anything else (`vlimit?`) is a barrier: once it is answered, all earlier
-replies are in. No set goes out before that.
+In step means that every reply to an earlier command has been read, so that the next acknowledgement
+can only belong to the next set. After a time-out, a garbled reply or unsolicited bytes this is no
+longer certain. The unit answers in order, so a query whose answer cannot be mistaken for anything
+else (`vlimit?`) is a barrier: once it is answered, all earlier replies have arrived. No set is sent
+before that.
 """
 
 import time
@@ -28,7 +27,7 @@ from dehyst.drivers.mdt693b.tuning import TUNING
 from dehyst.drivers.serial_port import SerialPort
 
 MEANINGLESS = b"\0\r\n"
-NO_COMMAND = b"#\r"  # spoils a half-received line; earns an error like an empty line
+NO_COMMAND = b"#\r"  # spoils a half-received line; causes an error, as an empty line does
 
 
 class CommandRefused(ProtocolError):
@@ -37,21 +36,21 @@ class CommandRefused(ProtocolError):
 
 @dataclass
 class LateReplies:
-    """What came in for commands that had been given up."""
+    """Replies received for commands that had been given up."""
 
     acks: int = 0
     refusals: int = 0
 
     def clear(self) -> None:
-        """Count from zero again."""
+        """Reset the counts to zero."""
         self.acks = self.refusals = 0
 
 
 class Mdt693bLink:
-    """port: open. timeout_s: longest wait for a reply. idle_s: silence that ends a legacy reply.
-    clock: that of the port. Raises DeviceTimeout, DeviceGone and ProtocolError; after
-    CommandRefused the link is as before, after the others `in_step` is False until
-    `get_in_step()` succeeds."""
+    """The conversation on one port. port: open. timeout_s: longest wait for a reply. idle_s:
+    silence that ends a legacy reply. clock: that of the port. Raises DeviceTimeout, DeviceGone and
+    ProtocolError; after CommandRefused the link is as before, after the others `in_step` is False
+    until `get_in_step()` succeeds."""
 
     def __init__(
         self,
@@ -69,7 +68,7 @@ class Mdt693bLink:
         self.late = LateReplies()
         self._clock = clock
         self._codec = Mdt693bCodec(Dialect.MODERN)
-        self._owed = 0  # barriers sent and not answered
+        self._owed = 0  # barriers sent but not answered
         self._cut_short = False  # a write timed out: the unit may hold half a command
 
     @property
@@ -77,8 +76,9 @@ class Mdt693bLink:
         return self._codec.dialect
 
     def handshake(self) -> None:
-        """Find the dialect and switch the echo off. Moves no output: a word that is no command,
-        in case that somebody left half a command in the unit, an empty line, echo=0."""
+        """Find the dialect and switch the echo off, without moving an output. Sends a word that
+        is not a command (a half-received command may be left in the unit), an empty line, and
+        echo=0."""
         self.drain(self.idle_s)
         self._write(NO_COMMAND + b"\r")
         raw = self._read_to_silence()
@@ -99,14 +99,14 @@ class Mdt693bLink:
         try:
             self.ask("echo=0")
         except CommandRefused:
-            # MDT693A commands only: there "E" toggles the echo, seen on the first line.
+            # The unit knows MDT693A commands only: "E" toggles the echo, seen on the first line.
             if NO_COMMAND[:1] in raw:
                 self.get_in_step()
                 self.set("E")
         self.drain(self.idle_s)
 
     def ask(self, command: str) -> Answer:
-        """The answer to a query."""
+        """Return the answer to a query."""
         deadline_s = self._clock() + self.timeout_s
         self.get_in_step(deadline_s)
         for event in self._exchange(command, deadline_s):
@@ -116,8 +116,8 @@ class Mdt693bLink:
         raise self._no_answer(command)
 
     def set(self, command: str) -> None:
-        """Carry out a command; returns when it is acknowledged. It is sent once. Call
-        get_in_step() first."""
+        """Carry out a command; return when it is acknowledged. It is sent once. Call get_in_step()
+        first."""
         for event in self._exchange(command, self._clock() + self.timeout_s):
             if isinstance(event, Ack):
                 return
@@ -138,7 +138,7 @@ class Mdt693bLink:
             deadline_s = self._clock() + self.timeout_s
         if self._cut_short:
             self.port.write(NO_COMMAND)
-            self.late.refusals -= 1  # its own
+            self.late.refusals -= 1  # NO_COMMAND causes one
             self._cut_short = False
         self._owed += 1
         answered = False
@@ -172,10 +172,10 @@ class Mdt693bLink:
                 )
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self.port.close()
 
-    # -- inside
+    # -- internal
 
     def _write(self, data: bytes) -> None:
         try:
@@ -185,7 +185,8 @@ class Mdt693bLink:
             raise
 
     def _exchange(self, command: str, deadline_s: float, barrier: bool = False) -> list[ReplyEvent]:
-        """Send one command and collect events until its reply is complete or time is up."""
+        """Send one command and collect events until its reply is complete or the deadline
+        passes."""
         codec = self._codec
         data = codec.send(command, barrier)
         self._write(data)
@@ -213,7 +214,7 @@ class Mdt693bLink:
             self.in_step = False
             raise ProtocolError(f"{where} was answered with {event.raw[:80]!r}")
         if event.late if isinstance(event, Ack | Refused) else True:
-            self.in_step = False  # it came in between: somebody else's reply
+            self.in_step = False  # the reply belongs to another command
             if isinstance(event, Refused):
                 self.late.refusals += 1
             return

@@ -1,4 +1,4 @@
-"""The reply framing of firmware from 1.09 on: everything up to the prompt ">"."""
+"""The reply framing of firmware from 1.09 on: a reply is everything up to the prompt ">"."""
 
 from dataclasses import dataclass
 
@@ -9,8 +9,8 @@ ERROR_TEXTS = (b"CMD_NOT_DEFINED", b"CMD_ARG_INVALID")
 
 @dataclass(frozen=True)
 class Modern:
-    """A Framing, see dialects.py. prompt: ends every reply; errors: what stands before the prompt
-    when a command is refused."""
+    """A Framing, see dialects.py. prompt: ends every reply; errors: texts before the prompt when a
+    command is refused."""
 
     name: str = "modern"
     prompt: bytes = b">"
@@ -19,11 +19,11 @@ class Modern:
     ends_in_silence: bool = False
 
     def parse(self, x: Exchange) -> list[ReplyEvent] | None:
-        """Everything up to the prompt."""
+        """Parse everything up to the prompt."""
         assert x.form is not None
         end = x.buffer.find(self.prompt)
         if end < 0:
-            # Some firmware may answer a set with a bare "!" (unconfirmed): it needs no prompt.
+            # Some firmware may answer a set with a bare "!" (unconfirmed), without a prompt.
             if x.form.pattern is None and x.without_echo(x.buffer).rstrip(b"\r") == b"!":
                 x.form, x.buffer = None, b""
                 return [Refused(b"!")]
@@ -35,17 +35,17 @@ class Modern:
                 x.form = None
             return [Refused(payload, late=x.barrier)]
         if not payload and not x.answers(payload):
-            return [Ack(late=True)]  # a query never answers so
+            return [Ack(late=True)]  # a query is never answered like this
         if x.barrier:
             return x.finish_barrier(payload)
         return [x.finish(payload)]
 
     def at_silence(self, x: Exchange) -> list[ReplyEvent]:
-        """Silence ends nothing here."""
+        """Return nothing: silence ends no reply here."""
         return []
 
     def late(self, text: bytes) -> list[ReplyEvent]:
-        """Frames that nobody waits for."""
+        """Return the events of frames that no command is waiting for."""
         events: list[ReplyEvent] = []
         *frames, rest = text.split(self.prompt)
         for frame in [f.strip(b"\r") for f in frames]:
@@ -58,5 +58,5 @@ class Modern:
         return events
 
     def recognises(self, reply: bytes) -> bool:
-        """Whether this is "CMD_NOT_DEFINED>" after an empty line."""
+        """Return whether this is "CMD_NOT_DEFINED>" after an empty line."""
         return any(error in reply for error in self.errors) or reply.endswith(self.prompt)

@@ -1,9 +1,9 @@
 """Record what a unit really answers: raw bytes and times of harmless queries.
 
-Some of the unit's behaviour is documented nowhere (rate, framing of some replies). A recording of
-a real unit settles it and becomes a test fixture. Only queries are sent, an empty line and two
-words that no unit knows; no setting is changed and no output moves, unless `time_sets` is called
-with the set-point at which the output already stands.
+Some of the unit's behaviour is not documented anywhere (rate, framing of some replies). A recording
+of a real unit settles it and becomes a test fixture. Only queries, an empty line and two words that
+no unit knows are sent; no setting is changed and no output moves. `time_sets` does write, but only
+the set-point that the output already has.
 """
 
 import time
@@ -37,8 +37,9 @@ QUERIES = (
 
 @dataclass(frozen=True)
 class ProbedUnit:
-    """What the recorded replies say. dialect: "legacy", "modern" or ""; answers: command ->
-    value, "refused" or "unclear: ..."; the rest is empty where the unit did not tell."""
+    """The content of the recorded replies. dialect: "legacy", "modern" or ""; answers: command
+    -> value, "refused" or "unclear: ..."; the other fields are empty if the unit did not report
+    them."""
 
     dialect: str
     model: str = ""
@@ -52,10 +53,10 @@ def record_exchanges(
     progress: Callable[[float], None] = lambda share: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> list[RecordedExchange]:
-    """Send every query and record everything, until each reply has been quiet."""
+    """Send every query and record all replies, each until the line is quiet."""
     start_s = clock()
     exchanges = []
-    port.write(NO_COMMAND)  # should half a command wait in the unit, it must not be carried out
+    port.write(NO_COMMAND)  # a half-received command in the unit must not be carried out
     while port.read_until_deadline(clock() + TUNING.quiet_s):
         pass
     for number, query in enumerate(QUERIES):
@@ -64,12 +65,12 @@ def record_exchanges(
         exchanges.append(record_exchange(port, sent, waits_s, clock, start_s))
         progress((number + 1) / len(QUERIES))
         if number == 2 and not any(e.received for e in exchanges):
-            break  # nobody there
+            break  # nothing answers
     return exchanges
 
 
 def interpret(exchanges: list[RecordedExchange]) -> ProbedUnit:
-    """What the replies say; pure, so that it works on a fixture file as well."""
+    """Interpret the replies; pure, so that it also works on a fixture file."""
     replies = {e.sent.rstrip(b"\r").decode("latin-1"): e.reply for e in exchanges}
     dialect = detect_dialect(replies.get("", b""))
     if dialect is None:
@@ -84,7 +85,7 @@ def interpret(exchanges: list[RecordedExchange]) -> ProbedUnit:
 def time_queries(
     port: SerialPort, dialect: Dialect, count: int, clock: Callable[[], float] = time.monotonic
 ) -> CallTimes:
-    """Round trips of `xvoltage?`, one after the other. Raises DeviceTimeout, ProtocolError."""
+    """Time round trips of `xvoltage?`, one after the other. Raises DeviceTimeout, ProtocolError."""
     return _time(port, dialect, "xvoltage?", count, Answer, clock)
 
 
@@ -95,7 +96,7 @@ def time_sets(
     count: int,
     clock: Callable[[], float] = time.monotonic,
 ) -> CallTimes:
-    """Round trips of sets of axis x, all to `volts`, where the output must already stand: raises
+    """Time round trips of sets of axis x, all to `volts`, where the output must already be: raises
     OutOfRange when the unit reads back something else."""
     codec = Mdt693bCodec(dialect)
     reading = _exchange(port, codec, "xvoltage?", clock)

@@ -1,7 +1,7 @@
-"""What the reply to each MDT693B command looks like: the one table of the codec.
+"""The form of the reply to each MDT693B command: the codec's only table.
 
-The framing around a payload is the dialect's (see codec.py); here is what the payload must
-look like, and what ends it in the legacy dialect, whose framing is irregular.
+The dialect defines the framing around a payload (see codec.py). This table defines what the payload
+looks like, and what ends it in the legacy dialect, whose framing is irregular.
 """
 
 import re
@@ -14,13 +14,13 @@ class Ends(Enum):
 
     ACK = "ack"  # a set: the acknowledging byte itself
     LINE = "line"  # the first complete bracket line
-    SILENCE = "silence"  # nothing marks it
+    SILENCE = "silence"  # nothing marks the end
 
 
 @dataclass(frozen=True)
 class Form:
-    """What a command's reply looks like. pattern: of the payload, None for a set, whose reply
-    is an acknowledgement; blank: an empty payload is a valid answer."""
+    """The form of a command's reply. pattern: of the payload, None for a set, whose reply is an
+    acknowledgement; blank: an empty payload is a valid answer."""
 
     ends: Ends
     pattern: re.Pattern[bytes] | None = None
@@ -40,8 +40,8 @@ _FLAG = Form(Ends.SILENCE, _BRACKET)
 _LINES = Form(Ends.SILENCE, _TEXT, blank=True)
 
 FORMS: dict[str, Form] = {
-    # The one table of reply forms, keyed by the command without its axis letter.
-    "": _SET,  # an empty line: earns an error reply
+    # Reply forms, keyed by the command without its axis letter.
+    "": _SET,  # an empty line: answered by an error
     "voltage?": _VOLTS,
     "r?": _VOLTS,
     "xyzvoltage?": Form(Ends.LINE, _BRACKET),
@@ -55,7 +55,7 @@ FORMS: dict[str, Form] = {
     "%": _LIMIT,
     "sysmin?": _VALUE,
     "sysmax?": _VALUE,
-    "msvoltage?": _LINES,  # not recorded from a real unit yet: read leniently
+    "msvoltage?": _LINES,  # not recorded from a real unit yet: parsed leniently
     "msenable?": _LINES,
     "dacstep?": _VALUE,
     "intensity?": _VALUE,
@@ -63,7 +63,7 @@ FORMS: dict[str, Form] = {
     "pushdisable?": _LINES,
     "cm?": _FLAG,
     "echo?": _FLAG,
-    "echo=": _FLAG,  # unlike every other setter it replies with a bracket line
+    "echo=": _FLAG,  # unlike every other setter it is answered by a bracket line
     "e": _SET,
     "id?": _LINES,
     "serial?": _LINES,
@@ -75,7 +75,7 @@ _COMPATIBLE_SET = re.compile(r"[xyz][vlh]-?[\d.]+")
 
 
 def form_of(command: str) -> Form:
-    """The reply form of a command line; a set where the command is not in the table."""
+    """Return the reply form of a command line; that of a set if the command is not in the table."""
     key = command.strip().lower()
     if "=" in key:
         key = key[: key.index("=") + 1]

@@ -1,4 +1,4 @@
-"""The settings of the MDT693B and MDT694B drivers, and finding their port."""
+"""The settings of the MDT693B and MDT694B drivers, and the search for their port."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -10,15 +10,15 @@ from dehyst.drivers.settings import Settings
 
 THREE_AXES_ID, ONE_AXIS_ID = (0x1313, 0x1003), (0x1313, 0x1004)
 USB_IDS = (THREE_AXES_ID, ONE_AXIS_ID)
-"""Vendor and product of the MDT693B and the MDT694B. Older units sit behind an FTDI converter,
-which many instruments use: for those the port must be given."""
+"""Vendor and product of the MDT693B and the MDT694B. Older units use an FTDI converter, as many
+instruments do: for those the port must be given."""
 
 HIGHEST_V = 150.0
 """The highest position of the limit switch."""
 
 
 class Mdt69xConfig(Settings, frozen=True):
-    """What both drivers are set by. model: the only one that is accepted, "": either; usb_ids:
+    """The settings that both drivers share. model: the only accepted one, "": either; usb_ids:
     those that port = "auto" looks for."""
 
     driver = "mdt69x"
@@ -63,11 +63,11 @@ class Mdt69xConfig(Settings, frozen=True):
 
     @property
     def axis(self) -> str:
-        """The output that drives the stage: the only one, where there is no such setting."""
+        """The output that drives the stage; the only one if there is no such setting."""
         return "x"
 
     def check(self) -> None:
-        """Refuse a silence that no reply could wait for, and a set-point out of range."""
+        """Refuse an idle_s that no reply could wait for, and a set-point out of range."""
         if self.idle_s >= self.timeout_s:
             raise self.wrong("idle_s", f"below timeout_s = {self.timeout_s:g}")
         highest_v = HIGHEST_V if self.max_v is None else self.max_v
@@ -76,7 +76,7 @@ class Mdt69xConfig(Settings, frozen=True):
 
 
 class Mdt693bConfig(Mdt69xConfig, frozen=True):
-    """Settings of one output of three; an MDT694B has the first alone."""
+    """Settings of one of three outputs; an MDT694B has only the first."""
 
     driver = "mdt693b"
 
@@ -84,7 +84,7 @@ class Mdt693bConfig(Mdt69xConfig, frozen=True):
 
 
 class Mdt694bConfig(Mdt69xConfig, frozen=True):
-    """Settings of the one output of an MDT694B."""
+    """Settings of the only output of an MDT694B."""
 
     driver = "mdt694b"
     model = "MDT694B"
@@ -92,8 +92,8 @@ class Mdt694bConfig(Mdt69xConfig, frozen=True):
 
 
 def find_port(config: Mdt69xConfig, serial_number: str | None = None) -> str:
-    """The path to open. serial_number: that of the unit to find again, if it is known.
-    Raises DeviceNotFound where "auto" finds none, DriverConfigError where it finds several."""
+    """Return the path to open. serial_number: that of the unit to find again, if it is known.
+    Raises DeviceNotFound if "auto" finds none, DriverConfigError if it finds several."""
     if config.port != "auto":
         return config.port
     found = find_usb_ports(config.usb_ids)

@@ -1,4 +1,4 @@
-"""Several outputs of one MDT693B: what they sustain together, and all three in one command."""
+"""Several outputs of one MDT693B: their joint rate, and setting all three with one command."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -15,39 +15,39 @@ ALL, ASK_ALL = "xyzvoltage={:.3f},{:.3f},{:.3f}", "xyzvoltage?"
 
 
 class Output(Protocol):
-    """What is needed of the driver of one output (driver.py)."""
+    """What JointOutputs needs from the driver of one output (driver.py)."""
 
     config: Mdt69xConfig
 
     def word(self, name: str, volts: float = 0.0) -> str:
-        """A command in this unit's words."""
+        """Return a command in this unit's dialect."""
         ...
 
     def admit(self, volts: float) -> float:
-        """The set-point as it will be written. Raises OutOfRange."""
+        """Return the set-point as it will be written. Raises OutOfRange."""
         ...
 
     def conversation(self) -> AbstractContextManager[Mdt693bLink]:
-        """The link, for this thread alone."""
+        """Yield the link, reserved for this thread."""
         ...
 
     def get_in_step(self, link: Mdt693bLink) -> None:
-        """Before a set: what became of the one before."""
+        """Before a set, find out what happened to the previous one."""
         ...
 
     def trying(self, volts: float | None) -> None:
-        """A set goes out whose fate is not known yet; None: it was refused."""
+        """Note that a set is sent whose outcome is not known yet; None: it was refused."""
         ...
 
     def carried_out(self, volts: float) -> None:
-        """The unit has acknowledged this set-point."""
+        """Note that the unit has acknowledged this set-point."""
         ...
 
 
 class JointOutputs:
-    """A Joint of open outputs. `together`: all three are here and the firmware has XYZVOLTAGE=.
+    """A Joint of open outputs. `together`: it has all three and the firmware knows XYZVOLTAGE=.
 
-    The rates are measured when it is made, with readings, as those of one output are.
+    The constructor measures the rates with readings, as for a single output.
     """
 
     def __init__(
@@ -62,15 +62,15 @@ class JointOutputs:
             self._times[2] = self._measure([ASK_ALL], clock)
 
     def rate_hz(self, driven: int) -> float:
-        """The highest rate of setting so many of the outputs."""
+        """Return the highest rate at which this number of outputs can be set."""
         return TUNING.batches.rate_hz(self._times[driven - 1])
 
     def late_s(self, driven: int) -> float:
-        """What few sets of so many of the outputs take longer than."""
+        """Return the time that few sets of this number of outputs exceed."""
         return TUNING.batches.late_s(self._times[driven - 1])
 
     def write_all(self, volts: Sequence[float]) -> None:
-        """Set all three in one command; volts in the order of the outputs as they were given.
+        """Set all three with one command; volts in the order in which the outputs were given.
         Raises as Mdt693b.write(), for all of them."""
         first, outputs = self._outputs[0], self._outputs
         admitted = [
@@ -91,7 +91,7 @@ class JointOutputs:
                 output.carried_out(volt)
 
     def _knows_all(self) -> bool:
-        """Whether the firmware knows the command, by its query."""
+        """Return whether the firmware knows the command; its query shows that."""
         first = self._outputs[0]
         if first.word("limit") != NATIVE["limit"]:
             return False
@@ -103,7 +103,7 @@ class JointOutputs:
         return True
 
     def _measure(self, words: Sequence[str], clock: Callable[[], float]) -> CallTimes:
-        """How long these commands take one after the other."""
+        """Measure how long these commands take one after the other."""
 
         def ask() -> None:
             for word in words:

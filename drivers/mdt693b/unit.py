@@ -1,9 +1,9 @@
-"""One MDT693B and those of its outputs that this process drives: one port, one conversation.
+"""One MDT693B and the outputs of it that this process drives: one port, one conversation.
 
-The drivers of the outputs share the link. When it is lost for one of them it is lost for all: the
-others' next calls raise DeviceGone without touching the port, and the first `reconnect()` that
-succeeds makes a link for all of them. Calls come from the loop's thread and from those that
-reconnect; each conversation step holds `lock`, and nobody waits for a unit that is lost.
+The drivers of the outputs share the link. When one of them loses it, all lose it: the others' next
+calls raise DeviceGone without touching the port, and the first `reconnect()` that succeeds makes a
+link for all of them. Calls come from the loop's thread and from threads that reconnect; each step
+of the conversation holds `lock`, and nobody waits for a lost unit.
 """
 
 import os
@@ -19,7 +19,8 @@ OF_THE_LINK = ("timeout_s", "write_timeout_s", "idle_s", "baud", "serial_number"
 
 
 class SharedUnit:
-    """link: the open one, None: none; lost: why it cannot be used any more, "": it can."""
+    """A unit's link and outputs. link: None if none is open; lost: why it cannot be used any more,
+    "" if it can."""
 
     def __init__(self, config: Mdt69xConfig) -> None:
         self.config = config
@@ -30,15 +31,15 @@ class SharedUnit:
 
     @property
     def shared(self) -> bool:
-        """Whether several outputs are driven."""
+        """Return whether several outputs are driven."""
         return len(self._outputs) > 1
 
     def claim(self, config: Mdt69xConfig, output: object) -> None:
-        """Drive an output. Raises DeviceNotFound where another driver does, DriverConfigError
-        where the settings of the link differ."""
+        """Register an output. Raises DeviceNotFound if another driver drives it, DriverConfigError
+        if the settings of the link differ."""
         with self.lock:
             if not self._outputs:
-                self.config = config  # nobody is left whose settings count
+                self.config = config  # no other output's settings need to match
             if self._outputs.setdefault(config.axis, output) is not output:
                 raise DeviceNotFound(
                     f"{config.port}: output {config.axis} is in use in this process already"
@@ -53,7 +54,8 @@ class SharedUnit:
                     )
 
     def release(self, axis: str, output: object) -> Mdt693bLink | None:
-        """Drive an output no more; the link where it was the last one's: to be closed."""
+        """Unregister an output. Returns the link, for the caller to close, if it was the last
+        one."""
         with self.lock:
             if self._outputs.get(axis) is output:
                 del self._outputs[axis]
@@ -63,7 +65,7 @@ class SharedUnit:
             return link
 
     def connect(self, make: Callable[[], Mdt693bLink]) -> Mdt693bLink:
-        """The link; made anew where there is none, or where it is lost."""
+        """Return the link, after making a new one if there is none or it is lost."""
         with self.lock:
             if self.link is not None and self.lost:
                 self.link.close()
@@ -74,7 +76,7 @@ class SharedUnit:
             return self.link
 
     def lose(self, why: Exception) -> None:
-        """The link failed: where others share it, none may use it before it is made anew."""
+        """Mark the link as lost; if outputs share it, none may use it until a new one is made."""
         if self.shared and not self.lost:
             self.lost = str(why) or type(why).__name__
 
@@ -84,7 +86,7 @@ _making = threading.Lock()
 
 
 def shared_unit(config: Mdt69xConfig) -> SharedUnit:
-    """The unit behind a configured port, the same one for all outputs of it."""
+    """Return the unit at a configured port, the same one for all its outputs."""
     auto = config.port == "auto"
     key = f"auto {config.usb_ids}" if auto else os.path.realpath(config.port)
     with _making:

@@ -1,5 +1,5 @@
-"""What the MDT693B driver learns from a unit before it drives it: with queries alone, nothing that
-moves an output."""
+"""What the MDT693B driver learns from a unit before driving it, using only queries, which move no
+output."""
 
 import re
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ NATIVE = {"set": "{axis}voltage={volts:.3f}", "read": "{axis}voltage?", "limit":
 NATIVE |= {"min": "{axis}min?", "max": "{axis}max?"}
 COMPATIBLE = {"set": "{axis}V{volts:.3f}", "read": "{axis}R?", "limit": "%"}
 COMPATIBLE |= {"min": "{axis}L?", "max": "{axis}H?"}
-"""The same commands in the MDT693A's words, for a unit in its compatibility mode."""
+"""The same commands in the MDT693A's syntax, for a unit in its compatibility mode."""
 
 
 @dataclass(frozen=True)
 class UnitFacts:
-    """words: command templates that this unit understands; minimum_v, maximum_v: what may be
-    written to the axis; identity: for the log."""
+    """Facts about a unit. words: command templates that it understands; minimum_v, maximum_v: what
+    may be written to the axis; identity: for the log."""
 
     words: dict[str, str]
     minimum_v: float
@@ -28,7 +28,7 @@ class UnitFacts:
 
 
 def learn(link: Mdt693bLink, axis: str, max_v: float | None) -> UnitFacts:
-    """Ask a unit for identity and limits and bring the link in step. max_v: a limit of ours.
+    """Query a unit's identity and limits and bring the link in step. max_v: the configured limit.
 
     Raises DriverConfigError when the axis does not exist, when no range is left, or when master
     scan adds a voltage to every set-point.
@@ -45,7 +45,7 @@ def learn(link: Mdt693bLink, axis: str, max_v: float | None) -> UnitFacts:
         raise DriverConfigError(
             f"setting axis: this unit has no axis {axis!r}; an MDT694B has only x"
         ) from None
-    # The axis maximum is by default 0.5 V above the limit switch: the switch counts.
+    # The axis maximum is by default 0.5 V above the limit switch: the switch decides.
     maximum_v = min(limit_v, axis_max_v, limit_v if max_v is None else max_v)
     if not minimum_v < maximum_v:
         raise DriverConfigError(
@@ -67,7 +67,7 @@ def learn(link: Mdt693bLink, axis: str, max_v: float | None) -> UnitFacts:
     identity = (
         f"{model} firmware {firmware} ({dialect} dialect) serial {serial or 'blank'} axis {axis}"
     )
-    # The answers so far say what the unit is; this one proves that none is outstanding.
+    # The answers so far identify the unit; this exchange proves that no reply is outstanding.
     link.in_step = False
     link.get_in_step()
     kind = f"{model} firmware {firmware}" + (f" named {friendly}" if friendly else "")
@@ -75,7 +75,7 @@ def learn(link: Mdt693bLink, axis: str, max_v: float | None) -> UnitFacts:
 
 
 def check_model(path: str, kind: str, wanted: str) -> None:
-    """Raise ForeignUnit where a model is wanted and the unit does not say that it is this one."""
+    """Raise ForeignUnit if a model is wanted and the unit reports another one."""
     if not kind.startswith(wanted):
         raise ForeignUnit(
             f"{path}: the unit is an {kind}, but the configuration asks for an {wanted}; use the "
@@ -84,8 +84,8 @@ def check_model(path: str, kind: str, wanted: str) -> None:
 
 
 def check_serial(path: str, serial: str, wanted: str | None) -> None:
-    """Raise ForeignUnit unless the unit is the one that the configuration wants. None: any will do;
-    "" is a unit whose serial number is blank."""
+    """Raise ForeignUnit unless the unit is the one in the configuration. None: any unit is
+    accepted; "": a unit whose serial number is blank."""
     if wanted is not None and serial != wanted:
         raise ForeignUnit(
             f"{path}: the unit has serial number {serial!r}, but the configuration asks for "
@@ -94,7 +94,7 @@ def check_serial(path: str, serial: str, wanted: str | None) -> None:
 
 
 def _master_scan_v(link: Mdt693bLink) -> float:
-    """The voltage that master scan adds, 0 where it is off or not there."""
+    """Return the voltage that master scan adds, 0 if it is off or missing."""
     state = (_ask_if_known(link, "msenable?") or "").strip("[] ").lower()
     if not re.search(r"[1-9]|\b(on|enabled?)\b", state):
         return 0.0
