@@ -1,1 +1,1 @@
-"""Emulated units on pseudo terminals, with the simulated stage behind them."""
+"""Emulated units on pseudo terminals, connected to the simulated stage."""

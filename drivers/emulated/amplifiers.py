@@ -1,10 +1,9 @@
-"""The amplifier of the emulated bench: the unit that its knobs describe, on its port.
+"""The amplifier of the emulated bench: makes the unit that its knobs describe, on its port.
 
-driver    knobs           axes of the stage                gauges
-mdt693b   Mdt693bKnobs    its own, x, y, z or x alone      a KSG101 for each axis
-kpz101    Kpz101Knobs     one, whatever it is called       a KSG101
-kpc101    Kpc101Knobs     one, whatever it is called       its own
-bpc303    RACK_KNOBS      x, y, z are its channels 1 to 3  its own, where a stage is
+driver    knobs           axes of the stage                gauges mdt693b   Mdt693bKnobs    its own,
+x, y, z or x alone      a KSG101 for each axis kpz101    Kpz101Knobs     one, with any name
+a KSG101 kpc101    Kpc101Knobs     one, with any name               its own bpc303    RACK_KNOBS
+x, y, z are its channels 1 to 3  its own, for each axis of the stage
 """
 
 import functools
@@ -29,18 +28,18 @@ from dehyst.drivers.interface import DriverConfigError
 Knobs = Mdt693bKnobs | Kpz101Knobs
 Amplifier = Mdt693bEmulator | AptEmulator
 Output = Callable[[str, float, float], None]
-"""Of an axis: its voltage from a time on."""
+"""Sets the voltage of an axis from a given time on."""
 Position = Callable[[str, float], float]
-"""Of an axis at a time [um]."""
+"""Returns the position of an axis at a given time [um]."""
 
 
 def has_gauges(knobs: Knobs) -> bool:
-    """Whether the unit reads the gauges itself."""
+    """Return whether the unit reads the gauges itself."""
     return isinstance(knobs, Kpc101Knobs)
 
 
 def check_axes(knobs: Knobs, axes: Sequence[str]) -> None:
-    """Raise DriverConfigError where the unit cannot drive a stage of these axes."""
+    """Raise DriverConfigError if the unit cannot drive a stage with these axes."""
     if isinstance(knobs, Kpz101Knobs) and knobs.model != RACK_KNOBS.model:
         if len(axes) > 1:
             raise DriverConfigError(
@@ -61,8 +60,8 @@ def make_amplifier(
     position: Position,
     clock: Callable[[], float],
 ) -> Amplifier:
-    """The unit on its port in `folder`, which is called as its driver. axes: of the stage; position
-    is asked by units that have gauges of their own."""
+    """Make the unit on its port in `folder`, named like its driver. axes: of the stage; position is
+    called by units with gauges of their own."""
     if isinstance(knobs, Mdt693bKnobs):
         return Mdt693bEmulator(folder / "mdt693b", knobs, on_output, clock)
     drive = functools.partial(on_output, axes[0])

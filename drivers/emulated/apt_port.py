@@ -1,4 +1,4 @@
-"""An emulated APT unit as a serial port: a unit of this folder on a pty, with its faults.
+"""An emulated APT unit as a serial port: a unit of this package on a pty, with its faults.
 
 with AptEmulator(Kpc101Unit(Kpc101Knobs(limit_v=75)), "/tmp/kpc101") as amplifier:
     ...; amplifier.fault(mute=True); amplifier.unplug(); amplifier.plug()
@@ -17,8 +17,8 @@ from dehyst.drivers.emulated.pty_device import PtyServer
 
 
 class AptEmulator(PtyServer):
-    """A PtyServer with a piezo driver or controller. Everything here may be called from any thread;
-    the plant receives the output in the serving thread. clock: the unit's."""
+    """A PtyServer with a piezo driver or controller. All methods may be called from any thread; the
+    plant receives the output in the serving thread. clock: the unit's."""
 
     unit: Kpz101Unit | Bpc303Unit
 
@@ -31,11 +31,11 @@ class AptEmulator(PtyServer):
         super().__init__(unit, link_path, clock)
 
     def fault(self, **changes: Any) -> None:
-        """Switch faults (fields of the unit's) while it runs; unknown names raise TypeError."""
+        """Switch faults (the unit's fields) at run time; unknown names raise TypeError."""
         self.call(lambda: self._set_faults(structs.replace(self.unit.faults, **changes)))
 
     def clear_faults(self) -> None:
-        """A healthy unit again, and a port that takes bytes."""
+        """Restore a healthy unit and a port that accepts bytes."""
         self.call(lambda: self._set_faults(type(self.unit.faults)()))
         self.stall_writes(False)
 

@@ -1,4 +1,4 @@
-"""What the emulated APT units have in common: requests and replies with their times and faults."""
+"""Common parts of the emulated APT units: requests and replies with their times and faults."""
 
 import random
 from abc import ABC, abstractmethod
@@ -14,7 +14,7 @@ from dehyst.drivers.settings import Settings
 
 
 class AptKnobs(Settings, frozen=True):
-    """Properties of any such unit."""
+    """Properties that every such unit has."""
 
     driver = "emulated APT unit"
 
@@ -28,7 +28,7 @@ class AptKnobs(Settings, frozen=True):
 
 
 class AptFaults(Settings, frozen=True):
-    """Faults of any such unit while it runs."""
+    """Faults that every such unit can have at run time."""
 
     driver = "emulated APT unit's faults"
 
@@ -40,7 +40,8 @@ class AptFaults(Settings, frozen=True):
 
 
 class AptUnit(ABC):
-    """Fulfils pty_device.PtyUnit; a subclass answers the messages of its kind."""
+    """An emulated APT unit. Implements pty_device.PtyUnit; a subclass answers its kind's
+    messages."""
 
     knobs: AptKnobs
     faults: AptFaults
@@ -58,13 +59,14 @@ class AptUnit(ABC):
         self._busy_until_s = 0.0
 
     def feed(self, data: bytes) -> None:
-        """Bytes from the host arrive now; the unit takes one message after the other."""
+        """Take bytes from the host that arrive now; the unit handles one message after another."""
         for message in self._decoder.feed(data):
             self._busy_until_s = max(self._busy_until_s, self._clock()) + self.knobs.latency_s
             self._requests.append((self._busy_until_s, message))
 
     def take(self) -> bytes:
-        """The next bytes that leave by now; requests that are due by now are carried out."""
+        """Return the next bytes that are due by now, after carrying out the requests that are
+        due."""
         now = self._clock()
         while self._requests and self._requests[0][0] <= now:
             due, message = self._requests.popleft()
@@ -76,29 +78,30 @@ class AptUnit(ABC):
         return b""
 
     def next_due_s(self) -> float | None:
-        """Clock time at which take() has something next."""
+        """Return the clock time at which take() next has something."""
         due = [queue[0][0] for queue in (self._requests,) if queue]
         due += [queue[0][0] for queue in (self._outgoing,) if queue]
         return min(due, default=None)
 
     def link_lost(self) -> None:
-        """The cable was pulled; what the unit was set to stays."""
+        """Handle a pulled cable; the unit keeps what was set."""
         self._decoder.reset()
         self._requests.clear()
         self._outgoing.clear()
 
     def set_serial_number(self, number: int) -> None:
-        """What a different unit at the same port would report."""
+        """Report the serial number of a different unit at the same port."""
         self.knobs = structs.replace(self.knobs, serial_number=number)
 
     def answer(self, message: AptMessage, now: float) -> bytes:
-        """The reply to a message that was due at `now`, whatever its faults; b"": there is none."""
+        """Return the reply to a message that was due at `now`, ignoring faults; b"" if there is
+        none."""
         own = message.name == "hw_req_info" and message.destination == self.addresses[0]
         return self._info() if own else self._answer(message, now)
 
     @abstractmethod
     def _answer(self, message: AptMessage, now: float) -> bytes:
-        """Carry out a message that was due at `now`; its reply, if it has one."""
+        """Carry out a message that was due at `now`; return its reply, if it has one."""
 
     def _send(self, reply: bytes, due_s: float) -> None:
         if self.faults.garbage > 0:

@@ -1,16 +1,16 @@
 """The emulated bench: an amplifier, a gauge reader for each axis, a simulated stage between them.
 
     directory/mdt693b   port of the amplifier        directory/ksg101   port of the strain gauge
-    directory/kpz101    the same where it is a KPZ101, which has one axis
-    directory/kpc101    or a KPC101: its gauge is its own, and there is no ksg101
-    directory/bpc303    or a BPC303: the same, its channels are x, y and z
+    directory/kpz101    the same for a KPZ101, which has one axis
+    directory/kpc101    or a KPC101: it has its own gauge, so there is no ksg101
+    directory/bpc303    or a BPC303: likewise, its channels are x, y and z
     directory/control   Unix datagram socket that takes faults and changes (control.py)
 
 With several axes each has its KSG101: directory/ksg101-x, ksg101-y, ksg101-z.
 
-The stage follows real time: it is advanced to the present whenever the amplifier's output
-changes and whenever the gauge is read. DAC step, EXT input and clip are the amplifier unit's;
-slew, RC and everything behind them are the stage's.
+The stage follows real time: it is advanced to the present whenever the amplifier's output changes
+and whenever the gauge is read. The amplifier unit simulates DAC step, EXT input and clip; the stage
+simulates slew, RC and everything after them.
 """
 
 import functools
@@ -47,10 +47,10 @@ NS_PER_S = 1e9
 
 @dataclass(frozen=True)
 class BenchSettings:
-    """The parts. axis: the amplifier's axis that drives the stage; more: further axes of the stage,
-    each with its own gauge. The voltage of an axis that drives nothing acts through the stage's
-    coupling_um_per_v. gauge: its travel is that of an amplifier's own gauges as well; None: one
-    whose travel covers the stage."""
+    """The parts of the bench. axis: the amplifier's axis that drives the stage; more: further axes
+    of the stage, each with its own gauge. The voltage of an axis that drives nothing acts through
+    the stage's coupling_um_per_v. gauge: its travel also applies to an amplifier's own gauges;
+    None: one whose travel covers the stage."""
 
     stage: StageSettings = field(default_factory=StageSettings)
     amplifier: Knobs = field(default_factory=Mdt693bKnobs)
@@ -60,25 +60,25 @@ class BenchSettings:
 
     @property
     def stages(self) -> dict[str, StageSettings]:
-        """Every axis that drives something, the first one first."""
+        """Every axis that drives something, the main one first."""
         return {self.axis: self.stage, **self.more}
 
 
 class BenchLog:
-    """What left the amplifier and what the gauge showed, with the times of the bench's clock: of
-    each axis."""
+    """The amplifier's output and the gauge's readings for each axis, with times of the bench's
+    clock."""
 
     def __init__(self) -> None:
         self.axes: dict[str, AxisLog] = {}
 
     def of(self, axis: str) -> "AxisLog":
-        """The log of one axis, the first that was asked for first."""
+        """Return the log of one axis; axes are kept in the order of the first request."""
         return self.axes.setdefault(axis, AxisLog())
 
     def save(self, path: Path) -> None:
-        """.npz: time_ns, volts (output); reading_ns, reading_um, true_um; of further axes the same
-        with `y_` before. .csv: the output of the first axis. The file appears complete or not at
-        all."""
+        """Save as .npz: time_ns, volts (output); reading_ns, reading_um, true_um; further axes with
+        prefix `y_` etc.; or as .csv: the output of the first axis. The file appears complete or not
+        at all."""
         part = path.with_name(path.name + ".part")
         logs = self.axes or {"x": AxisLog()}
         with part.open("wb") as file:
@@ -97,7 +97,7 @@ class BenchLog:
 
 
 class AxisLog:
-    """What BenchLog keeps of one axis."""
+    """The part of BenchLog for one axis."""
 
     def __init__(self) -> None:
         self.output_ns = array("q")
@@ -107,7 +107,7 @@ class AxisLog:
         self.true_um = array("d")
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """By the name in the file."""
+        """Return the arrays by their names in the file."""
         return {
             "time_ns": np.array(self.output_ns),
             "volts": np.array(self.output_v),
@@ -118,8 +118,8 @@ class AxisLog:
 
 
 class Bench:
-    """Both emulators and the stage. Call everything from the thread that serves, or through
-    `amplifier.call(...)`; `log` is kept only when it is given."""
+    """Both emulators and the stage. Call every method from the serving thread, or through
+    `amplifier.call(...)`; `log` is written only if it is given."""
 
     def __init__(
         self,
@@ -136,7 +136,7 @@ class Bench:
         knobs = self.settings.amplifier
         stages = self.settings.stages
         check_axes(knobs, tuple(stages))
-        # what the amplifier unit does already, the stage must not do again
+        # the stage must not repeat what the amplifier unit already simulates
         units = {
             "dac_step_v": 0.0,
             "ext_gain": 0.0,
@@ -175,12 +175,12 @@ class Bench:
 
     @property
     def stage(self) -> SimulatedStage:
-        """That of the first axis."""
+        """The stage of the first axis."""
         return self.stages[self.settings.axis]
 
     @property
     def servers(self) -> tuple[PtyServer, ...]:
-        """For pty_device.serve(): the amplifier, then the gauges."""
+        """The servers for pty_device.serve(): the amplifier, then the gauges."""
         return tuple(dict.fromkeys((self.amplifier, *self.gauges.values())))
 
     def ports(self) -> dict[str, str]:
@@ -193,7 +193,7 @@ class Bench:
         }
 
     def follow(self) -> None:
-        """Bring the stage to the present."""
+        """Advance the stage to the present."""
         self._platform.advance_to(round(self._clock() * NS_PER_S))
 
     def _output(self, axis: str, volts: float, time_s: float) -> None:
@@ -224,6 +224,6 @@ class Bench:
 
 
 def covering_gauge(stage: StageSettings) -> Ksg101Knobs:
-    """A gauge reader whose full scale leaves room on both sides of the stage's range."""
+    """Return a gauge reader whose full scale leaves room on both sides of the stage's range."""
     ends = abs(stage.origin_um), abs(stage.origin_um + stage.stroke_um)
     return Ksg101Knobs(max_travel_um=max(20.0, float(np.ceil(1.15 * max(ends)))))

@@ -3,23 +3,23 @@
 Each datagram is one object with one or more of these keys:
 
     {"fault": "unplug", "device": "mdt693b" | "ksg101" | "both", "for_s": 2, "dialect": "1.05"}
-                     ("kpz101", "kpc101", "bpc303" where that is the amplifier; left out: the
-                     amplifier; where it has gauges of its own there is no "ksg101")
+                     ("kpz101", "kpc101", "bpc303" if that is the amplifier; if omitted, the
+                     amplifier; if it has gauges of its own, there is no "ksg101")
     {"fault": "stall", "device": ..., "for_s": 2}       the host's writes block
     {"fault": "stuck" | "nan" | "range" | "late", "for_s": 2, "late_s": 0.02}   the gauge's readings
     {"amplifier": {"hang": true}, "for_s": 2}           fields of Mdt693bFaults, or of the unit's
     {"gauge": {"mute": true}, "for_s": 2}               fields of Ksg101Faults, or of the unit's
     {"stage": {"creep_gain_per_decade": 0.05}, "jump": false}    settings of the stage
     {"inputs": {"temperature_k": 3.0, "ext_v": 0.5, "other_v": 40.0}}
-    {"clear": true}      a healthy bench again (the stage's settings stay)
+    {"clear": true}      a healthy bench again (the stage's settings are kept)
     {"save": true}       write the log now
 
-Of a bench with several axes, "axis": "y" says whose gauge, stage and inputs are meant, and whose
-state is wanted (left out: the first axis; the state of each is under "axes").
-Without for_s a fault stays until it is cleared; an amplifier that is unplugged with a dialect has
-that firmware when it is plugged in again, and any unit with a "serial_number" that number. With
-"reply_to" (path of the sender's own datagram socket) the answer goes there:
-{"ok": true, "state": {...}} or {"ok": false, "error": ...}.
+On a bench with several axes, "axis": "y" selects the gauge, stage and inputs, and the state to
+return (if omitted, the first axis; the state of each is under "axes"). Without for_s a fault lasts
+until it is cleared. An amplifier that is unplugged with a "dialect" has that firmware when it is
+plugged in again, and any unit with a "serial_number" has that number. With "reply_to" (path of the
+sender's own datagram socket) the answer goes there: {"ok": true, "state": {...}} or {"ok": false,
+"error": ...}.
 """
 
 import contextlib
@@ -46,7 +46,7 @@ from dehyst.drivers.simulated.stage import FAULTS as READING_FAULTS
 
 
 class Inputs(Settings, frozen=True):
-    """What acts on the stage besides the amplifier."""
+    """Inputs that act on the stage in addition to the amplifier."""
 
     driver = "inputs of the bench"
 
@@ -56,7 +56,7 @@ class Inputs(Settings, frozen=True):
 
 
 class Order(Settings, frozen=True):
-    """One datagram; see the module."""
+    """One datagram; see the module docstring."""
 
     driver = "control of the bench"
 
@@ -97,7 +97,7 @@ class Order(Settings, frozen=True):
     reply_to: Annotated[str, Meta(description="socket of the sender")] | None = None
 
     def check(self) -> None:
-        """The dialect must be one of the table."""
+        """Refuse a dialect that is not in the table."""
         if self.dialect is not None and self.dialect not in DIALECTS:
             raise self.wrong("dialect", f"one of {', '.join(DIALECTS)}")
 
@@ -116,18 +116,18 @@ class Control:
         self._socket.bind(str(self._path))
 
     def fileno(self) -> int:
-        """For the serving loop."""
+        """Return the file descriptor for the serving loop."""
         return self._socket.fileno()
 
     def close(self) -> None:
-        """Take the socket away."""
+        """Remove the socket."""
         for timer in self._timers:
             timer.cancel()
         self._socket.close()
         self._path.unlink(missing_ok=True)
 
     def take(self, data: bytes) -> None:
-        """One datagram."""
+        """Handle one datagram."""
         reply_to = None
         try:
             command = json.loads(data)
@@ -141,11 +141,11 @@ class Control:
         except (DriverError, ValueError, TypeError) as error:
             answer = {"ok": False, "error": str(error)}
         if isinstance(reply_to, str):
-            with contextlib.suppress(OSError):  # the asker has gone
+            with contextlib.suppress(OSError):  # the sender has gone
                 self._socket.sendto(json.dumps(answer).encode(), reply_to)
 
     def _axis(self, order: Order) -> str:
-        """Which axis is meant."""
+        """Return the axis to which an order refers."""
         known = self._bench.stages
         axis = order.axis or next(iter(known))
         if axis not in known:
@@ -227,7 +227,7 @@ class Control:
                 self._later(for_s, functools.partial(server.stall_writes, False))
 
     def _ports(self, axis: str) -> dict[str, PtyServer]:
-        """By the driver's name: that of the amplifier, and that of the gauge if it has one."""
+        """Return the ports by driver name: the amplifier's, and the gauge's if it has one."""
         bench = self._bench
         ports: dict[str, PtyServer] = {bench.amplifier.link_path.name: bench.amplifier}
         return ports if bench.own_gauges else {**ports, "ksg101": bench.gauges[axis]}
@@ -245,13 +245,13 @@ class Control:
     def _inputs(self, inputs: dict[str, Any], axis: str) -> None:
         values = read_values(Inputs, inputs)
         bench = self._bench
-        if "ext_v" in values:  # the amplifier sums and clips it
+        if "ext_v" in values:  # the amplifier adds and clips it
             self._mdt693b().set_ext(axis, values.pop("ext_v"))
         bench.follow()
         bench.stages[axis].set_inputs(**values)
 
     def _mdt693b(self) -> Mdt693bUnit:
-        """The amplifier's unit, for what no other has."""
+        """Return the amplifier's unit, for orders that only an MDT693B supports."""
         unit = self._bench.amplifier.unit
         if not isinstance(unit, Mdt693bUnit):
             raise DriverConfigError(
@@ -274,7 +274,7 @@ class Control:
             server.plug()
 
     def _later(self, for_s: float | None, action: Callable[[], None]) -> None:
-        """Do `action` in the serving thread after for_s; never for an endless fault."""
+        """Run `action` in the serving thread after for_s; never for an endless fault."""
         if for_s is None:
             return
         self._timers = [timer for timer in self._timers if timer.is_alive()]
@@ -287,7 +287,7 @@ class Control:
 def ask(control: str | Path, command: dict[str, Any], timeout_s: float = 5.0) -> dict[str, Any]:
     """Send a command to a bench's control socket and return its state.
 
-    Raises DriverConfigError with the bench's words when it refuses, DeviceTimeout when no bench
+    Raises DriverConfigError with the bench's message when it refuses, DeviceTimeout when no bench
     answers.
     """
     with (

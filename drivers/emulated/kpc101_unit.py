@@ -4,7 +4,7 @@
     with PtyServer(unit, "/tmp/dehyst/bpc303"): ...
 
 `on_output(channel, volts, time_s)` is called whenever a voltage changes, and `position(channel,
-time_s)` is asked for a displacement [um]. Channels are counted from 1.
+time_s)` must return a displacement [um]. Channels are counted from 1.
 """
 
 import math
@@ -26,7 +26,7 @@ Position = Callable[[int, float], float]
 
 
 class Kpc101Knobs(Kpz101Knobs, frozen=True):
-    """One channel; all of a BPC303 are built alike."""
+    """Properties of one channel; all channels of a BPC303 have the same."""
 
     driver = "emulated kpc101"
 
@@ -44,11 +44,11 @@ class Kpc101Knobs(Kpz101Knobs, frozen=True):
 RACK_KNOBS = Kpc101Knobs(serial_number=71000123, model="BPC303")
 
 AXES = "xyz"
-"""What the channels of a BPC303 are called, from the first on."""
+"""Names of a BPC303's channels, in order."""
 
 
 class Kpc101Faults(Kpz101Faults, frozen=True):
-    """Faults while the unit runs; of a BPC303 they act on all channels."""
+    """Faults at run time; on a BPC303 they act on all channels."""
 
     driver = "emulated kpc101's faults"
 
@@ -56,8 +56,8 @@ class Kpc101Faults(Kpz101Faults, frozen=True):
 
 
 class Kpc101Unit(Kpz101Unit):
-    """A unit of one channel. gauge_connected: may be changed while it runs; readings_done: of the
-    gauge so far."""
+    """A unit of one channel. gauge_connected: may be changed at run time; readings_done: gauge
+    readings so far."""
 
     knobs: Kpc101Knobs
     faults: Kpc101Faults
@@ -101,7 +101,7 @@ class Kpc101Unit(Kpz101Unit):
                     position=self._position_counts(now),
                     status=self._status(),
                 )
-            case "pz_req_tpz_iosettings" | "pz_set_tpz_iosettings":  # of the KPZ101 alone
+            case "pz_req_tpz_iosettings" | "pz_set_tpz_iosettings":  # only the KPZ101 has these
                 return b""
         return super()._answer(message, now)
 
@@ -122,12 +122,12 @@ class Kpc101Unit(Kpz101Unit):
 
 
 class Bpc303Unit(AptUnit):
-    """A rack: its motherboard says who it is, and each bay is a channel of its own."""
+    """A rack: its motherboard reports the identity, and each bay is a separate channel."""
 
     knobs: Kpc101Knobs
     faults: Kpc101Faults
     notes = b"emulated piezo controller"
-    sets_of_all = 0  # a command that this unit does not have
+    sets_of_all = 0  # this unit has no such command
     addresses = (codec.RACK, *codec.BAYS)
 
     def __init__(
@@ -146,16 +146,16 @@ class Bpc303Unit(AptUnit):
 
     @property
     def sets_done(self) -> int:
-        """Sets of the voltage so far, of all channels."""
+        """Number of voltage sets so far, over all channels."""
         return sum(channel.sets_done for channel in self.channels.values())
 
     @property
     def readings_done(self) -> int:
-        """Of the gauges so far, of all channels."""
+        """Number of gauge readings so far, over all channels."""
         return sum(channel.readings_done for channel in self.channels.values())
 
     def output_v(self, axis: str = "x") -> float:
-        """The voltage at the output of a channel; one of an empty bay has none."""
+        """Return the output voltage of a channel; an empty bay has none."""
         channel = self.channels.get(codec.BAYS[AXES.index(axis)])
         return channel.output_v() if channel else 0.0
 

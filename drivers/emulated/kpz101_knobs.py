@@ -1,4 +1,4 @@
-"""Properties of the emulated KPZ101, and the faults that can be switched while it runs."""
+"""Properties of the emulated KPZ101, and the faults that can be switched at run time."""
 
 from typing import Annotated, Literal
 
@@ -25,13 +25,13 @@ class Kpz101Knobs(AptKnobs, frozen=True):
     source: Annotated[int, Meta(ge=0, le=3, description="voltage source; 0: software only")] = 0
 
     def check(self) -> None:
-        """The set-point must be within the limit."""
+        """Refuse a set-point beyond the limit."""
         if self.start_v > self.limit_v:
             raise self.wrong("start_v", f"at most limit_v = {self.limit_v}")
 
 
 class Kpz101Faults(AptFaults, frozen=True):
-    """Faults while the unit runs."""
+    """Faults at run time."""
 
     driver = "emulated kpz101's faults"
 

@@ -4,7 +4,7 @@
     with PtyServer(unit, "/tmp/dehyst/kpz101"): ...
 
 `on_output(volts, time_s)` is called whenever the voltage at the output changes; a disabled output
-stands at 0 V.
+is at 0 V.
 """
 
 import time
@@ -17,7 +17,8 @@ from dehyst.drivers.emulated.kpz101_knobs import Kpz101Faults, Kpz101Knobs
 
 
 class Kpz101Unit(AptUnit):
-    """See the module; fulfils pty_device.PtyUnit. sets_done: sets of the voltage so far."""
+    """The emulated unit; implements pty_device.PtyUnit. sets_done: number of voltage sets so
+    far."""
 
     knobs: Kpz101Knobs
     faults: Kpz101Faults
@@ -32,7 +33,7 @@ class Kpz101Unit(AptUnit):
         super().__init__(knobs or Kpz101Knobs(), Kpz101Faults(), clock)
         knobs = self.knobs
         self.sets_done = 0
-        self.sets_of_all = 0  # a command that this unit does not have
+        self.sets_of_all = 0  # this unit has no such command
         self._on_output = on_output
         self._counts = round(knobs.start_v / knobs.limit_v * FULL_OUTPUT)
         self._state = codec.CHANNEL_ENABLED if knobs.enabled else codec.CHANNEL_DISABLED
@@ -48,7 +49,7 @@ class Kpz101Unit(AptUnit):
         }
 
     def output_v(self, axis: str = "x") -> float:
-        """The voltage at the output, whatever its axis is called."""
+        """Return the output voltage, whatever the axis name."""
         if self._state != codec.CHANNEL_ENABLED:
             return 0.0
         limit_v = VOLTAGE_LIMITS_V[self._io["voltage_limit"]]
@@ -56,7 +57,7 @@ class Kpz101Unit(AptUnit):
 
     def _answer(self, message: AptMessage, now: float) -> bytes:
         values = message.values
-        if values.get("chan", 1) != 1:  # there is one channel only
+        if values.get("chan", 1) != 1:  # there is only one channel
             return b""
         match message.name:
             case "pz_req_outputvolts":
@@ -69,7 +70,7 @@ class Kpz101Unit(AptUnit):
                 return self._reply("pz_get_tpz_iosettings", **self._io)
             case "mod_req_chanenablestate":
                 return self._reply("mod_get_chanenablestate", chan=1, state=self._state)
-            case "pz_req_pzstatusupdate":  # other programs ask for it
+            case "pz_req_pzstatusupdate":  # other programs request it
                 return self._reply(
                     "pz_get_pzstatusupdate",
                     chan=1,

@@ -1,4 +1,4 @@
-"""Properties of the emulated KSG101, and the faults that can be switched while it runs."""
+"""Properties of the emulated KSG101, and the faults that can be switched at run time."""
 
 from typing import Annotated
 
@@ -28,7 +28,7 @@ class Ksg101Knobs(AptKnobs, frozen=True):
 
 
 class Ksg101Faults(AptFaults, frozen=True):
-    """Faults while the unit runs."""
+    """Faults at run time."""
 
     driver = "emulated ksg101's faults"
 

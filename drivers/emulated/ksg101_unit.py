@@ -3,8 +3,8 @@
     unit = Ksg101Unit(Ksg101Knobs(max_travel_um=20.0), position=reading_at)
     with PtyServer(unit, "/tmp/dehyst/ksg101"): ...
 
-`position` is asked for the displacement [um] at the clock's time at which a reading is due, which
-is a little ago when this process is late.
+`position` is called with the clock time at which a reading is due and returns the displacement
+[um]; that time is slightly in the past when this process is late.
 """
 
 import math
@@ -20,7 +20,7 @@ FULL_SCALE = 32767
 
 
 class Ksg101Unit(AptUnit):
-    """See the module; fulfils pty_device.PtyUnit."""
+    """The emulated reader; implements pty_device.PtyUnit."""
 
     knobs: Ksg101Knobs
     faults: Ksg101Faults
@@ -91,7 +91,8 @@ class Ksg101Unit(AptUnit):
         return value
 
     def _counts(self, position_um: float) -> int:
-        """Reading for a displacement; a bridge out of range, or broken (NaN), shows full scale."""
+        """Convert a displacement to counts; a bridge out of range or broken (NaN) shows full
+        scale."""
         if math.isnan(position_um):
             return FULL_SCALE
         share = position_um / self.knobs.max_travel_um * self.knobs.scale_error

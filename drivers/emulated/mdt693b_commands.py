@@ -1,8 +1,8 @@
-"""What the emulated MDT693B does with each command line (firmware 1.10 help text and manual).
+"""How the emulated MDT693B handles each command line (firmware 1.10 help text and manual).
 
-`execute_line` takes the registers of the unit, one line without its terminator and a way to read
-the ADC, changes them and returns the bytes of the reply. Two tables, QUERIES and SETTERS,
-hold the commands that are the same for every axis; the axis commands are parsed by letter.
+`execute_line` takes the registers of the unit, one line without its terminator and a function that
+reads the ADC, changes the registers and returns the bytes of the reply. Two tables, QUERIES and
+SETTERS, hold the commands that are the same for every axis; the axis commands are parsed by letter.
 """
 
 import re
@@ -43,7 +43,7 @@ class _BadArgument(Exception):
 
 @dataclass
 class Mdt693bRegisters:
-    """Everything that commands can change. Voltages in V, by axis letter."""
+    """All state that commands can change. Voltages in V, by axis letter."""
 
     axes: str
     limit_v: int
@@ -69,7 +69,7 @@ class Mdt693bRegisters:
 
     @classmethod
     def at_power_on(cls, knobs: Mdt693bKnobs) -> Self:
-        """The state after switching on: limits from the switch, the recalled output."""
+        """Return the state after power-on: limits from the switch, the recalled output."""
         axes, highest_v = knobs.axes, knobs.limit_v + 0.5
         return cls(
             axes=axes,
@@ -89,13 +89,13 @@ class Mdt693bRegisters:
         )
 
     def check_v(self, axis: str, volts: float) -> None:
-        """Raise unless an axis may be set to `volts`."""
+        """Raise _BadArgument unless an axis may be set to `volts`."""
         low, high = max(self.min_v[axis], self.sys_min_v), min(self.max_v[axis], self.sys_max_v)
         if not low <= volts <= high:
             raise _BadArgument
 
     def restore(self) -> None:
-        """Factory settings: the outputs go to zero and the echo on."""
+        """Restore factory settings: the outputs go to zero and the echo is on."""
         self.set_v = dict.fromkeys(self.axes, 0.0)
         self.min_v = dict.fromkeys(self.axes, 0.0)
         self.max_v = dict.fromkeys(self.axes, self.limit_v + 0.5)
@@ -108,8 +108,8 @@ class Mdt693bRegisters:
 def execute_line(
     registers: Mdt693bRegisters, style: ReplyStyle, line: str, read: ReadVolts
 ) -> bytes:
-    """Carry out one command line; the bytes of the reply, echo not included."""
-    prompted = registers.compatibility and style.prompt  # as it was when the command came
+    """Carry out one command line; return the bytes of the reply without the echo."""
+    prompted = registers.compatibility and style.prompt  # the mode when the command arrived
     try:
         reply = _carry_out(registers, style, line.strip(), read)
     except _BadArgument:
@@ -182,9 +182,11 @@ def _set(s: Mdt693bRegisters, style: ReplyStyle, key: str, argument: str) -> byt
 
 
 def _compatible(s: Mdt693bRegisters, style: ReplyStyle, text: str, read: ReadVolts) -> bytes | None:
-    """The MDT693A commands (XV10, AV10, XR?, XL?, XH?, %, E, I); None if the line is none of them.
+    """Handle the MDT693A commands (XV10, AV10, XR?, XL?, XH?, %, E, I); return None for other
+    lines.
 
-    AV and I: two clients of the MDT693A that know nothing of each other send them."""
+    Two independent MDT693A clients send AV and I.
+    """
     upper = text.upper()
     if upper == "%":
         return style.line(f"[ {s.limit_v}]", trailer=True)

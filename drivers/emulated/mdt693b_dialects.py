@@ -1,9 +1,9 @@
 """How each firmware of the emulated MDT693B writes its replies, byte by byte: one row each.
 
-Recorded: the replies in tests/drivers/mdt693b/test_golden.py. Everything else follows the same
-style by assumption; the two that matter to a driver are switches (`range_error` of the knobs,
-`compatibility_only`). A firmware with other words is a row; one with another framing is a class
-and a row. The driver's side is drivers/mdt693b/dialects.py.
+The replies in tests/drivers/mdt693b/test_golden.py are recorded. All others are assumed to follow
+the same style; the two that matter to a driver are switches (`range_error` of the knobs,
+`compatibility_only`). A firmware with other words needs a row; one with another framing a class and
+a row. The driver's counterpart is drivers/mdt693b/dialects.py.
 """
 
 from dataclasses import dataclass
@@ -11,11 +11,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ReplyStyle:
-    """The style with a prompt behind each reply, firmware from 1.09 on.
+    """The style with a prompt after each reply, firmware from 1.09 on.
 
-    firmware: its number, as id? shows it; unknown: what it says to a command that it does not
-    know; decimals: of a voltage; knows_xyz: whether it has xyzvoltage; restored: its answer to
-    restore.
+    firmware: its number, as id? shows it; unknown: the reply to an unknown command; decimals: of a
+    voltage; knows_xyz: whether it has xyzvoltage; restored: its answer to restore.
     """
 
     firmware: str
@@ -26,38 +25,39 @@ class ReplyStyle:
     restored: bytes = b">"
 
     def ok(self) -> bytes:
-        """A set was carried out."""
+        """Return the reply to a set that was carried out."""
         return self.prompt
 
     def not_defined(self) -> bytes:
-        """A command that the unit does not know, the empty line included."""
+        """Return the reply to an unknown command, including the empty line."""
         return self.unknown + self.prompt
 
     def bad_argument(self, text: bytes) -> bytes:
-        """An argument that cannot be used. text: the error that a unit with a prompt writes."""
+        """Return the reply to an invalid argument. text: the error of a unit with a prompt."""
         return text + self.prompt
 
     def line(self, payload: str, star: bool = True, trailer: bool = False) -> bytes:
-        """A payload with its CR. Without a prompt only: star: "*" before it; trailer: "*" after
-        it."""
+        """Return a payload with its CR. Only without a prompt: star: "*" before it; trailer: "*"
+        after it."""
         return payload.encode("latin-1") + b"\r" + self.prompt
 
     def bare(self, payload: str) -> bytes:
-        """A payload that firmware without a prompt ends without a CR (the axis limits)."""
+        """Return a payload that firmware without a prompt ends without a CR (the axis limits)."""
         return payload.encode("latin-1") + b"\r" + self.prompt
 
     def volts(self, volts: float) -> str:
-        """One voltage as the ADC reads it, padded to six characters."""
+        """Format one voltage as the ADC reads it, padded to six characters."""
         return f"{volts:6.{self.decimals}f}"
 
     def limit(self, volts: float) -> str:
-        """An axis limit: 0 without decimals, others with those of the dialect."""
+        """Format an axis limit: 0 without decimals, others with the dialect's number of
+        decimals."""
         return "0" if volts == 0.0 else f"{volts:.{self.decimals}f}"
 
 
 @dataclass(frozen=True)
 class AcknowledgedFirst(ReplyStyle):
-    """The style with an acknowledgement in front of each reply, firmware up to 1.06."""
+    """The style with an acknowledgement before each reply, firmware up to 1.06."""
 
     prompt: bytes = b""
     unknown: bytes = b"!"
@@ -66,19 +66,19 @@ class AcknowledgedFirst(ReplyStyle):
     restored: bytes = b"**"
 
     def ok(self) -> bytes:
-        """A set was carried out."""
+        """Return the reply to a set that was carried out."""
         return b"*"
 
     def bad_argument(self, text: bytes) -> bytes:
-        """The same as for an unknown command."""
+        """Return the same reply as to an unknown command."""
         return self.unknown
 
     def line(self, payload: str, star: bool = True, trailer: bool = False) -> bytes:
-        """A payload with its CR; see ReplyStyle."""
+        """Return a payload with its CR; see ReplyStyle."""
         return (b"*" if star else b"") + payload.encode("latin-1") + b"\r" + b"*" * trailer
 
     def bare(self, payload: str) -> bytes:
-        """A payload without a CR."""
+        """Return a payload without a CR."""
         return b"*" + payload.encode()
 
 

@@ -1,4 +1,4 @@
-"""Properties of the emulated MDT693B, and the faults that can be switched while it runs."""
+"""Properties of the emulated MDT693B, and the faults that can be switched at run time."""
 
 from typing import Annotated, Literal
 
@@ -12,7 +12,7 @@ ADC_STEP_V = 3.0e-3
 
 
 class Mdt693bKnobs(Settings, frozen=True):
-    """The unit; the defaults are a plausible one, with about 320 sets/s."""
+    """Properties of the unit; the defaults are plausible, with about 320 sets/s."""
 
     driver = "emulated mdt693b"
 
@@ -51,13 +51,13 @@ class Mdt693bKnobs(Settings, frozen=True):
     seed: Annotated[int, Meta(description="seed of jitter, noise and garbage")] = 0
 
     def check(self) -> None:
-        """The dialect must be one of the table."""
+        """Refuse a dialect that is not in the table."""
         if self.dialect not in DIALECTS:
             raise self.wrong("dialect", f"one of {', '.join(DIALECTS)}")
 
 
 class Mdt693bFaults(Settings, frozen=True):
-    """Faults while the unit runs; the last five act on the next `count` replies."""
+    """Faults at run time; the last five act on the next `count` replies."""
 
     driver = "emulated mdt693b's faults"
 

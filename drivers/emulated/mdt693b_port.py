@@ -1,11 +1,11 @@
-"""The emulated MDT693B as a serial port: the unit of mdt693b_unit behind a pty.
+"""The emulated MDT693B as a serial port: the unit of mdt693b_unit on a pty.
 
 In a program (its outputs drive a plant through `on_output`):
 
     with Mdt693bEmulator("/tmp/mdt693b", Mdt693bKnobs(dialect="1.05"), on_output=drive) as amp:
         ...; amp.fault(hang=True); amp.unplug(); amp.plug(dialect="1.10")
 
-As a process of its own, with commands on its standard input, one a line, each answered by one
+As a process of its own, with commands on its standard input, one per line, each answered by one
 line of JSON (`help` lists them):
 
     python -m dehyst.drivers.emulated.mdt693b_port --link /tmp/mdt693b --dialect 1.05
@@ -32,8 +32,8 @@ FAULTS = Mdt693bFaults.__struct_fields__
 
 
 class Mdt693bEmulator(PtyServer):
-    """A PtyServer with an Mdt693bUnit. Everything here may be called from any thread; the plant
-    hears of the output in the serving thread."""
+    """A PtyServer with an Mdt693bUnit. All methods may be called from any thread; the plant
+    receives the output in the serving thread."""
 
     unit: Mdt693bUnit
 
@@ -47,26 +47,26 @@ class Mdt693bEmulator(PtyServer):
         super().__init__(Mdt693bUnit(knobs, on_output, clock), link_path, clock)
 
     def fault(self, **changes: Any) -> None:
-        """Switch faults (fields of Mdt693bFaults) while it runs; unknown names raise TypeError."""
+        """Switch faults (fields of Mdt693bFaults) at run time; unknown names raise TypeError."""
         self.call(lambda: self._set_faults(structs.replace(self.unit.faults, **changes)))
 
     def clear_faults(self) -> None:
-        """A healthy unit again, and a port that takes bytes."""
+        """Restore a healthy unit and a port that accepts bytes."""
         self.call(lambda: self._set_faults(Mdt693bFaults()))
         self.stall_writes(False)
 
     def replug(self, dialect: str | None = None) -> None:
-        """Put the cable back; with `dialect`, the unit has another firmware now."""
+        """Plug the cable in again; with `dialect`, the unit now has another firmware."""
         if dialect is not None:
             self.call(lambda: self.unit.set_dialect(dialect))
         self.plug()
 
     def inject(self, data: bytes) -> None:
-        """Bytes that the unit sends by itself, now."""
+        """Send unsolicited bytes from the unit, now."""
         self.call(lambda: self.unit.inject(data))
 
     def output_v(self, axis: str = "x") -> float:
-        """The voltage at an output now."""
+        """Return the present voltage at an output."""
         return self.call(lambda: self.unit.output_v(axis))
 
     def _set_faults(self, faults: Mdt693bFaults) -> None:
@@ -74,7 +74,7 @@ class Mdt693bEmulator(PtyServer):
 
 
 class ControlLines:
-    """Commands of the process, one a line: what the user of the emulator types or pipes."""
+    """Commands on standard input, one per line, typed or piped by the emulator's user."""
 
     def __init__(self, emulator: Mdt693bEmulator, stop: threading.Event) -> None:
         self._emulator = emulator
@@ -82,7 +82,7 @@ class ControlLines:
         self._rest = b""
 
     def take(self, data: bytes) -> None:
-        """Bytes of standard input; end of input changes nothing."""
+        """Take bytes of standard input; end of input changes nothing."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:
             print(json.dumps(self.answer(line.decode("utf-8", "replace").split())), flush=True)
@@ -130,7 +130,7 @@ class ControlLines:
 
 
 def _parse(default: object, text: str) -> object:
-    """`text` as the type of `default`; bytes in hexadecimal."""
+    """Convert `text` to the type of `default`; bytes are in hexadecimal."""
     if isinstance(default, bool):
         if text not in ("on", "off"):
             raise ValueError(f"{text!r} is neither on nor off")

@@ -1,8 +1,8 @@
-"""An emulated MDT693B (or MDT694B): bytes in, bytes out, no port and no clock of its own.
+"""An emulated MDT693B (or MDT694B): bytes in, bytes out, without a port or a clock of its own.
 
-What it answers is in mdt693b_commands; this module is the line discipline and the electrical
-side around it: echo, line buffer, one command after another with latency, jitter and a rate
-limit, replies in chunks, faults on demand, DAC step, ADC readback with offset, noise and lag.
+mdt693b_commands defines its answers. This module simulates the line discipline and the electrical
+side: echo, line buffer, one command after another with latency, jitter and a rate limit, replies in
+chunks, faults on demand, DAC step, ADC readback with offset, noise and lag.
 
     unit = Mdt693bUnit(Mdt693bKnobs(dialect="1.10"), on_output=stage.drive, clock=time.monotonic)
     unit.feed(b"xvoltage=12.5\\r"); unit.take()     # b">" (and the stage gets 12.5 V)
@@ -27,7 +27,7 @@ LONGEST_LINE = 256
 
 @dataclass
 class _Readback:
-    """The ADC's view of one output: a first-order lag behind the true voltage."""
+    """The ADC's reading of one output: a first-order lag of the true voltage."""
 
     seen_v: float
     at_s: float
@@ -42,8 +42,8 @@ class _Waiting:
 
 
 class Mdt693bUnit:
-    """See the module. on_output(axis, volts, time_s) is called whenever an output changes: the
-    voltage after DAC rounding, master scan and EXT, clipped at the limit switch; `time_s` is on
+    """The emulated unit. on_output(axis, volts, time_s) is called whenever an output changes, with
+    the voltage after DAC rounding, master scan and EXT, clipped at the limit switch; `time_s` is on
     the unit's clock and never runs backwards."""
 
     def __init__(
@@ -75,10 +75,10 @@ class Mdt693bUnit:
         for axis, volts in self._output.items():
             self._tell(axis, volts, now)
 
-    # -- what a pty server needs
+    # -- for the pty server
 
     def feed(self, data: bytes) -> None:
-        """Bytes from the host arrive now."""
+        """Take bytes from the host that arrive now."""
         now = self._clock()
         if self.faults.hang:
             return
@@ -101,7 +101,8 @@ class Mdt693bUnit:
         self._merge_echo()
 
     def take(self) -> bytes:
-        """The next chunk that leaves by now; carries out the commands that are due by now."""
+        """Return the next chunk that is due by now, after carrying out the commands that are
+        due."""
         now = self._clock()
         while self._queue and self._queue[0].due_s <= now:
             self._carry_out(self._queue.popleft())
@@ -110,22 +111,22 @@ class Mdt693bUnit:
         return b""
 
     def next_due_s(self) -> float | None:
-        """Clock time at which take() has something next."""
+        """Return the clock time at which take() next has something."""
         due = [q[0].due_s for q in (self._queue,) if q]
         due += [q[0][0] for q in (self._outgoing,) if q]
         return min(due, default=None)
 
     def link_lost(self) -> None:
-        """The cable was pulled. The outputs and the registers stay."""
+        """Handle a pulled cable. The outputs and the registers are kept."""
         self._line = b""
         self._last_terminator = b""
         self._queue.clear()
         self._outgoing.clear()
 
-    # -- what a test or a plant asks for
+    # -- for a test or a plant
 
     def output_v(self, axis: str) -> float:
-        """The voltage at the output terminal now."""
+        """Return the present voltage at the output terminal."""
         return self._output[axis]
 
     def set_ext(self, axis: str, volts: float) -> None:
@@ -134,18 +135,18 @@ class Mdt693bUnit:
         self._update(self._clock())
 
     def set_dialect(self, dialect: str) -> None:
-        """Another firmware, as when a different unit is plugged in at the same port."""
+        """Change the firmware, as if a different unit were plugged in at the same port."""
         self.style = DIALECTS[dialect]
 
     def set_serial_number(self, number: int) -> None:
-        """What a different unit at the same port would report."""
+        """Report the serial number of a different unit at the same port."""
         self.registers.serial_number = str(number)
 
     def inject(self, data: bytes) -> None:
-        """Bytes that the unit sends by itself, now."""
+        """Send unsolicited bytes from the unit, now."""
         self._outgoing.append((self._clock(), data))
 
-    # -- inside
+    # -- internal
 
     def _accept(self, line: str, now: float) -> None:
         start = max(now, self._free_s, self._started_s + self.knobs.min_period_s)
@@ -157,7 +158,7 @@ class Mdt693bUnit:
         if self.faults.hang:
             return
         self.commands_done += 1
-        before = self.registers.set_v  # a set puts a new table in its place
+        before = self.registers.set_v  # a set replaces the table
         reply = execute_line(
             self.registers, self.style, waiting.line, lambda axis: self._read(axis, waiting.due_s)
         )
@@ -186,7 +187,7 @@ class Mdt693bUnit:
             due_s += self.knobs.chunk_gap_s
 
     def _merge_echo(self) -> None:
-        """One write for the echo of what came in one read."""
+        """Merge the echo of bytes that arrived in one read into one write."""
         if not self.knobs.chunk_size and len(self._outgoing) > 1:
             due, whole = self._outgoing[0][0], b"".join(chunk for _, chunk in self._outgoing)
             if all(d == due for d, _ in self._outgoing):
@@ -215,7 +216,7 @@ class Mdt693bUnit:
             self._on_output(axis, volts, now)
 
     def _follow(self, axis: str, now: float) -> float:
-        """Bring the lagging readback of an axis to the time `now`."""
+        """Advance the lagging readback of an axis to the time `now` and return it."""
         state, lag_s = self._readback[axis], self.knobs.readback_lag_s
         gone = 1.0 if lag_s <= 0.0 else -math.expm1(-max(0.0, now - state.at_s) / lag_s)
         state.seen_v += (self._output[axis] - state.seen_v) * gone

@@ -1,4 +1,5 @@
-"""The process of the emulated bench: both units and the control socket, until it is stopped."""
+"""The process of the emulated bench: serves all units and the control socket until it is
+stopped."""
 
 import json
 import threading
@@ -25,7 +26,7 @@ def run_bench(
     """Serve an emulated bench in this thread until `stop` is set (wake it with a server's wake()).
 
     started: called with the bench before anything can be opened, so that the caller can wake it;
-    ready: called with the ports when they can be opened. log: where the log goes at the end
+    ready: called with the ports when they can be opened. log: where the log is written at the end
     (.npz or .csv). Raises DriverConfigError.
     """
     if log is not None and log.suffix not in LOG_SUFFIXES:
@@ -51,5 +52,5 @@ def run_bench(
 
 
 def ready_line(ports: dict[str, str]) -> str:
-    """One line of JSON with the ports."""
+    """Return the ports as one line of JSON."""
     return json.dumps(ports)

@@ -1,6 +1,6 @@
-"""A pseudo-terminal that looks like a serial port, with an emulated unit behind it (Linux).
+"""A pseudo-terminal that looks like a serial port, connected to an emulated unit (Linux).
 
-The unit is pure: bytes in, bytes out, its own injected clock. This module is the only plumbing:
+The unit is pure: bytes in, bytes out, an injected clock. Only this module handles file descriptors:
 
     server = PtyServer(unit, "/tmp/dehyst/mdt693b")     # the link is what a driver opens
     with server:                                        # a thread; or serve([server, other], stop)
@@ -9,7 +9,7 @@ The unit is pure: bytes in, bytes out, its own injected clock. This module is th
         server.stall_writes(True)                       # the host's writes block, then time out
         server.call(lambda: unit.do_something())        # in the server's thread, race-free
 
-Pitfalls that are handled here (each is met in practice):
+It handles these pitfalls, all of which occur in practice:
 - a fresh slave has ECHO, ICANON, ICRNL and ONLCR on: it is made raw before a client can open it;
 - the master reads EIO once every slave is closed: the server keeps one slave open;
 - replies that a client never reads fill the buffer: the master never blocks, bytes wait in order.
@@ -32,40 +32,40 @@ from typing import Any, Protocol, Self, TypeVar
 T = TypeVar("T")
 
 LONGEST_SLEEP_S = 0.5
-"""The loop looks at its stop flag at least this often."""
+"""The loop checks its stop flag at least this often."""
 
 
 class PtyUnit(Protocol):
-    """An emulated instrument on a serial line. Times are those of the unit's own clock, which
-    must be the clock of the server (time.monotonic where none is given)."""
+    """An emulated instrument on a serial line. Times are those of the unit's own clock, which must
+    be the clock of the server (by default time.monotonic)."""
 
     def feed(self, data: bytes) -> None:
-        """Bytes from the host arrive now."""
+        """Take bytes from the host that arrive now."""
         ...
 
     def take(self) -> bytes:
-        """The next bytes that leave the unit by now, as one write; b"" when none are due."""
+        """Return the next bytes that are due by now, as one write; b"" if none are due."""
         ...
 
     def next_due_s(self) -> float | None:
-        """Clock time at which take() has something next; None if only feed() can change that."""
+        """Return the clock time at which take() next has something; None if it waits for feed()."""
         ...
 
     def link_lost(self) -> None:
-        """The cable was pulled: half-received commands and unsent replies are lost. The outputs
+        """Handle a pulled cable: half-received commands and unsent replies are lost. The outputs
         stay as they are."""
         ...
 
     def set_serial_number(self, number: int) -> None:
-        """What a different unit at the same port would report."""
+        """Report the serial number of a different unit at the same port."""
         ...
 
 
 class PtyServer:
-    """One unit behind one pty, reachable at a symbolic link.
+    """One unit on one pty, reachable at a symbolic link.
 
-    link_path: where the link to the slave is made (replaced when it is already a link; its
-    folder must exist). Methods may be called from any thread.
+    link_path: where the link to the slave is made (replaced if it is already a link; its folder
+    must exist). Methods may be called from any thread.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class PtyServer:
         self._jobs: SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = SimpleQueue()
         self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._thread: threading.Thread | None = None
-        self._serving: int | None = None  # ident of the thread that serves, while one does
+        self._serving: int | None = None  # ident of the serving thread, while one serves
         self._served = threading.Event()
         self._stop = threading.Event()
 
@@ -94,7 +94,7 @@ class PtyServer:
     def plugged(self) -> bool:
         return self._master is not None
 
-    # -- what a test or a control line asks for; runs in the serving thread if there is one
+    # -- for a test or a control line; runs in the serving thread if there is one
 
     def call(self, job: Callable[[], T], timeout_s: float = 5.0) -> T:
         """Run `job` in the serving thread and return its result (here, if nothing serves)."""
@@ -106,7 +106,7 @@ class PtyServer:
         return future.result(timeout_s)
 
     def plug(self) -> None:
-        """Make the pty and its link; nothing happens if they are there."""
+        """Make the pty and its link; does nothing if they exist."""
         self.call(self._plug)
 
     def unplug(self) -> None:
@@ -114,7 +114,7 @@ class PtyServer:
         self.call(self._unplug)
 
     def stall_writes(self, on: bool) -> None:
-        """While on, the host cannot hand over a byte: its write blocks until its time-out."""
+        """While on, the host cannot send a byte: its write blocks until its time-out."""
         self.call(lambda: self._stall(on))
 
     def wake(self) -> None:
@@ -124,7 +124,7 @@ class PtyServer:
     # -- running
 
     def start(self) -> Self:
-        """Plug in and serve in a thread of its own; returns when a client can open the port."""
+        """Plug in and serve in a separate thread; return when a client can open the port."""
         if self._thread is not None:
             return self
         self._plug()
@@ -137,7 +137,7 @@ class PtyServer:
         return self
 
     def stop(self) -> None:
-        """End the thread and take the pty and its link away. Safe to call twice."""
+        """End the thread and remove the pty and its link. Safe to call twice."""
         self._stop.set()
         if self._thread is not None:
             self.wake()
@@ -178,7 +178,7 @@ class PtyServer:
     def _unplug(self) -> None:
         if self._master is None or self._slave is None:
             return
-        # Only our own link goes: another server may have taken the path over.
+        # Remove only our own link: another server may have taken over the path.
         if self.link_path.is_symlink() and os.readlink(self.link_path) == self._slave_name:
             self.link_path.unlink()
         os.close(self._master)
@@ -198,7 +198,7 @@ class PtyServer:
             job, future = self._jobs.get()
             try:
                 future.set_result(job())
-            except BaseException as error:  # handed to the caller of call()
+            except BaseException as error:  # passed to the caller of call()
                 future.set_exception(error)
 
     def _receive(self) -> None:
@@ -206,12 +206,12 @@ class PtyServer:
             return
         try:
             data = os.read(self._master, 65536)
-        except (BlockingIOError, OSError):  # EIO: a client hung up in this instant
+        except (BlockingIOError, OSError):  # EIO: a client hung up at this moment
             return
         self.unit.feed(data)
 
     def _transmit(self) -> None:
-        """Write what is due, one unit chunk per write; keep what the pty does not take."""
+        """Write what is due, one unit chunk per write; keep what the pty does not accept."""
         while self._master is not None:
             if not self._outgoing:
                 self._outgoing = self.unit.take()
@@ -231,15 +231,15 @@ class PtyServer:
 
 
 Control = tuple[int, Callable[[bytes], None]]
-"""A further file descriptor that the loop watches, and what takes the bytes read from it. b""
-(end of file) is passed once; then the descriptor is forgotten."""
+"""A further file descriptor that the loop watches, and the function that takes the bytes read from
+it. b"" (end of file) is passed once; then the descriptor is dropped."""
 
 
 def serve(
     servers: Sequence[PtyServer], stop: threading.Event, controls: Sequence[Control] = ()
 ) -> None:
-    """Serve several ptys in this thread until `stop` is set, so that units which share one plant
-    need no lock. `stop` is seen within LONGEST_SLEEP_S, or at once after a server's wake()."""
+    """Serve several ptys in this thread until `stop` is set, so that units which share a plant need
+    no lock. `stop` is noticed within LONGEST_SLEEP_S, or at once after a server's wake()."""
     watched = dict(controls)
     for server in servers:
         server._plug()

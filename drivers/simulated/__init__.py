@@ -1,1 +1,1 @@
-"""The simulated stage and its devices, in this process. No real device needs any of it."""
+"""The simulated stage and its devices, in this process. No real device needs this package."""

@@ -1,10 +1,10 @@
-"""A stage of several axes: each is a SimulatedStage of its own, and each moves the others a little.
+"""A stage of several axes: each is a SimulatedStage, and each moves the others slightly.
 
     x = own motion of x + from_y (own motion of y) + from_z (own motion of z),  a share of the
-    sum behind a mode of the platform; likewise y and z.
+    sum passes through a mode of the platform; likewise y and z.
 
-All axes stand in one set of arrays (kernels.PlatformArrays), so that time passes for all of them at
-once, from Python and from compiled code.
+All axes are stored in one set of arrays (kernels.PlatformArrays), so that time advances for all of
+them at once, from Python and from compiled code.
 """
 
 import functools
@@ -21,13 +21,13 @@ from dehyst.drivers.simulated.maxwell_slip import COUNT
 from dehyst.drivers.simulated.settings import AXES, StageSettings
 from dehyst.drivers.simulated.stage import NS, SimulatedStage
 
-# How a shared stage is switched, by the compiled loop too: for each axis 1 when it is plugged in, 1
-# while its amplifier is open, 1 when it was written since time passed last; and the origin of time
-# [ns]
+# Switches of a shared stage, also used by the compiled loop: for each axis 1 when it is plugged in,
+# 1 while its amplifier is open, 1 when it has been written since time last advanced; and the origin
+# of time [ns]
 N = len(AXES)
 PLUGGED, DRIVEN, WRITTEN, EPOCH = 0, N, 2 * N, 3 * N
 
-SEED_STEP = 7919  # between the axes: their noises are their own though the settings say one seed
+SEED_STEP = 7919  # between axes: each has its own noise although the settings give one seed
 
 
 OTHERS: dict[str, dict[str, float]] = {
@@ -51,23 +51,24 @@ OTHERS: dict[str, dict[str, float]] = {
         "cross_share": 0.4,
     },
 }
-"""What makes a stage of several axes: each has its own hysteresis, and each feels the others."""
+"""Settings that distinguish the axes of a stage with several: each has its own hysteresis and is
+moved by the others."""
 
 
 def settings_by_axis(
     axes: Sequence[str], given: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, StageSettings]:
-    """Settings for each axis of a stage: the plain stage where it is alone, else OTHERS, and over
-    them what is given (axis -> settings). Raises DriverConfigError."""
+    """Return the settings of each axis: the plain stage for a single axis, else OTHERS, updated
+    with the given ones (axis -> settings). Raises DriverConfigError."""
     known = OTHERS if len(axes) > 1 else {}
     return {a: read_settings(StageSettings, {**known.get(a, {}), **given.get(a, {})}) for a in axes}
 
 
 class Platform:
-    """Up to three axes, x, y and z, of one simulated stage; an axis may join later.
+    """Up to three axes, x, y and z, of one simulated stage; an axis may be added later.
 
-    arrays: the state, which stays where it is, for compiled code; axes: the stages by name. Each
-    lets time pass for all: `advance` of any of them, or of this object.
+    arrays: the state, which keeps its address, for compiled code; axes: the stages by name.
+    `advance` of any axis, or of this object, advances the time of all.
     """
 
     def __init__(self, settings: Mapping[str, StageSettings] | None = None) -> None:
@@ -87,7 +88,7 @@ class Platform:
             self.add(axis, one)
 
     def add(self, axis: str, settings: StageSettings) -> SimulatedStage:
-        """One more axis, at rest from now on. Raises DriverConfigError."""
+        """Add an axis, at rest from now on. Raises DriverConfigError."""
         if axis not in AXES or axis in self.axes:
             raise DriverConfigError(f"simulated stage: axis '{axis}' must be x, y or z, each once")
         if getattr(settings, f"from_{axis}"):
@@ -104,7 +105,7 @@ class Platform:
 
     @property
     def time_s(self) -> float:
-        """Seconds that have passed for the stage."""
+        """Simulated seconds that have passed."""
         return float(np.max(self.arrays.state["time_s"]))
 
     @property
@@ -113,12 +114,12 @@ class Platform:
         return self._epoch_ns or 0
 
     def advance(self, dt_s: float) -> None:
-        """Let dt_s seconds pass under the commands as they stand."""
+        """Advance by dt_s seconds under the present commands."""
         kernels.advance_platform(self.arrays, dt_s)
 
     def advance_to(self, time_ns: int) -> None:
-        """Let time pass until time_ns; the first call sets the origin of time. A time in the past
-        lets no time pass."""
+        """Advance to time_ns; the first call sets the origin of time. A time in the past changes
+        nothing."""
         if self._epoch_ns is None:
             self._epoch_ns = time_ns - round(self.time_s / NS)
         dt_s = (time_ns - self._epoch_ns) * NS - self.time_s

@@ -2,7 +2,7 @@
 
 Both drivers are made from settings; those that name the same `stage` share it, and of a stage with
 several axes each pair of drivers has its `axis`. Either table may hold parameters of the axis (see
-settings.py); what both say must agree.
+settings.py); a parameter given in both must have the same value.
 
     [actuator.settings]              [sensor.settings]
     stage = "a"                      stage = "a"
@@ -25,7 +25,7 @@ from dehyst.drivers.simulated.settings import (
 from dehyst.drivers.simulated.shared_stage import SharedStage, shared_stage
 from dehyst.drivers.simulated.stage import SimulatedStage
 
-if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
+if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
     from dehyst.drivers.direct_calls import Direct
 
 MAX_RATE_HZ = 20_000.0
@@ -33,7 +33,7 @@ LATENCY_S = 1e-5
 
 
 class _Simulated:
-    """What both drivers do: the shared stage, opening and closing."""
+    """Shared parts of both drivers: the shared stage, opening and closing."""
 
     settings_type: ClassVar[type[SimulatedSettings]]
     spec: DeviceSpec
@@ -60,7 +60,7 @@ class _Simulated:
         return cls(shared_stage(checked.stage, given, clock_ns, sleep, checked.axis), checked)
 
     def open(self) -> None:
-        """Start using the stage; it stays where it is."""
+        """Start using the stage without moving it."""
         self.shared.require_plug()
         compile_stage()
         if not self._open:
@@ -71,18 +71,18 @@ class _Simulated:
         self.shared.follow_clock()
 
     def reconnect(self) -> None:
-        """After DeviceGone: use the stage again; it stays where it is."""
+        """After DeviceGone, use the stage again without moving it."""
         self.open()
 
     def close(self) -> None:
-        """Stop using the stage; it stays where it is. Safe to call twice."""
+        """Stop using the stage without moving it. Safe to call twice."""
         if self._open:
             self._open = False
             self.shared.users -= 1
             self._switch(False)
 
     def _switch(self, on: bool) -> None:
-        """Opened or closed."""
+        """Handle opening (on) or closing; the amplifier overrides it."""
 
     def _ready(self) -> SimulatedStage:
         if not self._open:
@@ -120,7 +120,7 @@ class SimulatedActuator(_Simulated):
         )
 
     def write(self, volts: float) -> None:
-        """Command the output [V]. Raises OutOfRange outside the spec, DeviceGone unplugged."""
+        """Command the output [V]. Raises OutOfRange outside the spec, DeviceGone when unplugged."""
         stage = self._ready()
         if not self.spec.minimum <= volts <= self.spec.maximum:
             raise OutOfRange(
@@ -133,11 +133,11 @@ class SimulatedActuator(_Simulated):
         self.shared.drive(on)
 
     def output(self) -> float:
-        """The last command [V]."""
+        """Return the last command [V]."""
         return self.shared.stage.command_v
 
     def direct(self) -> "Direct":
-        """How compiled code writes (dehyst.drivers.direct_calls)."""
+        """Return the C function that writes (dehyst.drivers.direct_calls)."""
         from dehyst.drivers.simulated import direct_calls
 
         return direct_calls.actuator(self.shared.context(self.spec.minimum, self.spec.maximum))
@@ -161,7 +161,7 @@ class SimulatedSensor(_Simulated):
         )
 
     def read(self) -> float:
-        """One reading [um]; NaN under the fault "nan". The fault "late" sleeps first."""
+        """Take one reading [um]; NaN during the fault "nan". The fault "late" sleeps first."""
         stage = self._ready()
         if stage.late_s > 0.0:
             if self.shared.period_s:
@@ -171,7 +171,7 @@ class SimulatedSensor(_Simulated):
         return stage.reading_um()
 
     def direct(self) -> "Direct":
-        """How compiled code reads (dehyst.drivers.direct_calls)."""
+        """Return the C function that reads (dehyst.drivers.direct_calls)."""
         from dehyst.drivers.simulated import direct_calls
 
         return direct_calls.sensor(self.shared.context(-math.inf, math.inf))

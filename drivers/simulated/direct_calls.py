@@ -1,7 +1,7 @@
 """A simulated axis' amplifier and gauge as C functions, for the compiled loop.
 
 They do what SimulatedActuator.write and SimulatedSensor.read do, on the same stage; faults of the
-reading (Stage.fault) are Python's and do not show here. The context is a table of addresses.
+reading (Stage.fault) are applied only in Python, not here. The context is a table of addresses.
 """
 
 import math
@@ -25,8 +25,9 @@ from dehyst.drivers.simulated.axes import DRIVEN, EPOCH, PLUGGED, WRITTEN, N
 from dehyst.drivers.simulated.kernels import PlatformArrays
 
 UNPLUGGED, NOT_IN_RANGE = 1, 2
-# Places in the context's table: the fields of PlatformArrays, then SWITCHES (see shared_stage.py),
-# then NUMBERS: [seconds per sample or 0 for the clock's time, lowest volts, highest volts, axis].
+# Positions in the context's table: the fields of PlatformArrays, then SWITCHES (see
+# shared_stage.py), then NUMBERS: [seconds per sample or 0 for the clock's time, lowest volts,
+# highest volts, axis].
 SWITCHES, NUMBERS, N_PLACES = (len(PlatformArrays._fields) + i for i in range(3))
 PARAMETERS, ELEMENTS, STATE, SPRINGS, RELAX, RING, RANDOM, PRESENT = range(SWITCHES)
 
@@ -47,7 +48,7 @@ def _platform(t: Words) -> PlatformArrays:
 
 @njit(cache=True, nogil=True)
 def _follow(t: Words, now_ns: int) -> None:
-    """Let the stage's time come up to the loop's."""
+    """Advance the stage to the loop's time; do nothing in virtual time."""
     numbers = floats_at(t, NUMBERS)
     if numbers[0] > 0.0:
         return
@@ -100,7 +101,7 @@ def write(context, now_ns, value):  # type: ignore[no-untyped-def]
 
 @cfunc(SIGNATURE, cache=True)
 def read(context, now_ns, value):  # type: ignore[no-untyped-def]
-    """Put one reading into value[0]."""
+    """Store one reading in value[0]."""
     t = carray(context, (3 * N_PLACES,), types.int64)
     value[0] = _read(t, now_ns)
     place = int(floats_at(t, NUMBERS)[3])
@@ -110,7 +111,7 @@ def read(context, now_ns, value):  # type: ignore[no-untyped-def]
 def context_of(
     arrays: PlatformArrays, switches: Words, numbers: tuple[float, float, float, int]
 ) -> Addresses:
-    """The context of both functions; switches, numbers: see SWITCHES, NUMBERS."""
+    """Return the context of both functions; switches, numbers: see SWITCHES, NUMBERS."""
     table = Addresses(N_PLACES)
     for place, array in enumerate(arrays):
         table.put(place, array)
@@ -120,17 +121,17 @@ def context_of(
 
 
 def explain(code: int) -> DriverError:
-    """What a result other than 0 stands for."""
+    """Return the error that a non-zero result means."""
     if code == NOT_IN_RANGE:
         return OutOfRange("simulated actuator: the value is outside its range; nothing was written")
     return DeviceGone("the simulated stage is unplugged")
 
 
 def actuator(context: Addresses) -> Direct:
-    """The amplifier."""
+    """Return the amplifier's function."""
     return Direct(write.address, context.address, explain, (context,))
 
 
 def sensor(context: Addresses) -> Direct:
-    """The gauge."""
+    """Return the gauge's function."""
     return Direct(read.address, context.address, explain, (context,))

@@ -1,11 +1,11 @@
 """The simulated stage as compiled kernels with explicit state: no clock, no files, no objects.
 
-`advance_stage` lets time pass for one axis, `advance_platform` for several that feel each other,
-`run_stage` does whole arrays of one. The parts are in parts.py.
+`advance_stage` advances one axis in time, `advance_platform` several coupled axes, and `run_stage`
+processes whole arrays for one axis. The parts are in parts.py.
 
-Linear parts are discretised exactly (a held or a straight-line input over a sub-step), so they
-are stable at any step length. Sub-steps resolve the RC corner and the mode only while something
-moves; a stage at rest takes one sub-step however long it rests.
+Linear parts are discretised exactly (input held or linear over a sub-step), so they are stable at
+any step length. Sub-steps resolve the RC corner and the mode only while something moves; a stage at
+rest takes one sub-step however long it rests.
 """
 
 import math
@@ -39,9 +39,9 @@ class StageArrays(NamedTuple):
     """A simulated stage as arrays.
 
     parameters, state: (1,) records of PARAMETERS_T and STATE_T; elements: (3, n) slip strain,
-    stiffness, bow; springs: (n,) their stretches; relax: (m,) creep relaxations; ring:
-    (2, RING + 1) times [s] and bridge values [um] of the delay line, ring[0, RING] counts them,
-    state.pushed_s is the last time; random: (1,) state of the noise.
+    stiffness, bow; springs: (n,) their stretches; relax: (m,) creep relaxations; ring: (2, RING +
+    1) times [s] and bridge values [um] of the delay line, where ring[0, RING] counts the entries
+    and state.pushed_s is the last time; random: (1,) state of the noise.
     """
 
     parameters: Record
@@ -76,7 +76,7 @@ def advance_stage(plant: StageArrays, dt: float, v0: float, v1: float) -> None:
         tiny = SETTLED * p.full_scale_v
         rest = v0 == v1 and abs(wanted - s.amplifier_v) < tiny
         rest = rest and abs(wanted - s.source_v) < tiny and abs(wanted - s.drive_v) < tiny
-        if p.mode_hz > 0.0:  # what rings is resolved too: the bridge's filter sees it
+        if p.mode_hz > 0.0:  # resolve the ringing too: it reaches the bridge's filter
             swing = abs(s.mode_rate) / (2.0 * math.pi * p.mode_hz)
             rest = rest and abs(s.mode - s.creep) < STILL and swing < STILL
         rest = rest and abs(s.cross_um - s.others_um) < STILL * p.stroke_um
@@ -96,7 +96,8 @@ def advance_stage(plant: StageArrays, dt: float, v0: float, v1: float) -> None:
         done += h
         s.time_s = begin_s + done
 
-        # electrical, then hysteresis: memory of the extremes, so one evaluation a sub-step
+        # electrical part, then hysteresis, which remembers extremes: one evaluation per sub-step is
+        # enough
         x0 = s.drive_v / p.full_scale_v
         if not rest:
             electrical(p, s, held, h, rc_decay, amplifier_decay)
@@ -111,9 +112,9 @@ def advance_stage(plant: StageArrays, dt: float, v0: float, v1: float) -> None:
             s.slip = stiffer * slip_sum(elements[0], elements[1], elements[2], springs, x0, x1)
             s.strain = static_map(p.asymmetry, (x1 - s.slip) / p.norm)
         if p.rc_tau_s == 0.0 and p.slew_v_per_s == 0.0 and v0 == v1:
-            before = s.strain  # nothing in front rounds a step: it happens at once
+            before = s.strain  # nothing upstream smooths a step: it happens at once
 
-        # creep; the mode sees its input go straight from c0 to c1
+        # creep; the mode's input goes linearly from c0 to c1
         middle = 0.5 * (before + s.strain)
         c0 = creep_sum(p, relax, before)
         for j in range(relax.size):
@@ -129,7 +130,7 @@ def advance_stage(plant: StageArrays, dt: float, v0: float, v1: float) -> None:
             s.mode = s.creep
             s.mode_rate = 0.0
 
-        # the rest, and the bridge's filter with a straight-line input
+        # the other parts, and the bridge's filter with linear input
         y0 = s.true_um
         cross(p, s, h)
         s.true_um = displacement(p, s)
@@ -147,8 +148,8 @@ def advance_stage(plant: StageArrays, dt: float, v0: float, v1: float) -> None:
 
 
 class PlatformArrays(NamedTuple):
-    """The axes of one simulated stage, in the order of settings.AXES: the arrays of StageArrays
-    one behind the other; present: (3,) 1 for an axis that is there."""
+    """The axes of one simulated stage, in the order of settings.AXES: the arrays of StageArrays,
+    stacked; present: (3,) 1 for an axis that exists."""
 
     parameters: Record
     elements: Floats
@@ -162,7 +163,7 @@ class PlatformArrays(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def axis_of(platform: PlatformArrays, i: int) -> StageArrays:
-    """One axis, as views."""
+    """Return one axis as views."""
     return StageArrays(
         platform.parameters[i : i + 1],
         platform.elements[3 * i : 3 * i + 3],
@@ -176,9 +177,9 @@ def axis_of(platform: PlatformArrays, i: int) -> StageArrays:
 
 @njit(cache=True, nogil=True)
 def advance_platform(platform: PlatformArrays, dt: float) -> None:
-    """Advance all axes by dt seconds under their commands, side by side.
+    """Advance all axes by dt seconds under their commands, in parallel.
 
-    What an axis brings to the others is held over a step of TUNING.together_s; while nothing
+    What an axis contributes to the others is held over a step of TUNING.together_s; while nothing
     moves the steps grow.
     """
     state, parameters = platform.state, platform.parameters
@@ -205,10 +206,10 @@ def advance_platform(platform: PlatformArrays, dt: float) -> None:
 def run_stage(
     plant: StageArrays, t_s: Floats, volts: Floats, extra: Floats, straight: bool
 ) -> tuple[Floats, Floats]:
-    """True displacement and reading (N,) each at t_s (N,); volts[k] acts from t_s[k] on.
+    """Return true displacement and reading (N,) each at t_s (N,); volts[k] acts from t_s[k] on.
 
-    extra: (3, N) EXT volts, other axis' volts, temperature [K]. straight: the command goes in a
-    straight line between samples instead of being held.
+    extra: (3, N) EXT volts, other axis' volts, temperature [K]. straight: the command is
+    interpolated linearly between samples instead of being held.
     """
     s = plant.state[0]
     true_um = np.empty(t_s.size)

@@ -1,18 +1,18 @@
-"""Hysteresis of the simulated stage: a dense Maxwell-slip model with unlike elements.
+"""Hysteresis of the simulated stage: a dense Maxwell-slip model with different elements.
 
-Each of the elements is a spring that slips at its own strain D_i:
+Each element is a spring that slips at its own strain D_i:
 
-    p_i = (1 - a_i) x + a_i x^2              the element's own, bowed, view of the drive x
+    p_i = (1 - a_i) x + a_i x^2              the drive x, bowed differently for each element
     z_i = clip(z_i + dp_i, -D_i, D_i)        spring stretch
     q   = (x - s sum_i k_i z_i) / norm
-    m   = (exp(a q) - 1) / (exp(a) - 1)      static map behind it
+    m   = (exp(a q) - 1) / (exp(a) - 1)      static map after it
 
 with x = volts / full scale and m = displacement / stroke. (Maxwell-slip: Lampaert, Swevers and
-Al-Bender, "Modification of the Leuven integrated friction model structure", IEEE TAC 2002.)
-Because every element bows the drive differently, the sum is no Prandtl-Ishlinskii model: minor
-loops depend on where in the range they lie, and the map is no odd polynomial. So a model that
-dehyst fits to this stage always leaves something, as it does on a real one. Stiffness grows with
-slip strain, which makes small loops narrow: 12 % at full scale, 2 % at a tenth of it.
+Al-Bender, "Modification of the Leuven integrated friction model structure", IEEE TAC 2002.) Because
+every element bows the drive differently, the sum is not a Prandtl-Ishlinskii model: minor loops
+depend on where in the range they lie, and the map is not an odd polynomial. So a model that dehyst
+fits to this stage always leaves a residual, as it does on a real one. Stiffness grows with slip
+strain, which makes small loops narrow: 12 % at full scale, 2 % at a tenth of it.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 COUNT = 64  # a multiple of 4
 SMALLEST, LARGEST = 0.002, 0.6  # slip strains, as a share of full scale
-STIFFNESS_POWER = 0.72  # k_i ~ D_i^power: 2 % loops at a tenth of full scale
+STIFFNESS_POWER = 0.72  # k_i ~ D_i^power: loops of 2 % at a tenth of full scale
 BOW_FINE, BOW_COARSE = -0.25, 0.30
 
 
@@ -43,7 +43,7 @@ class Slip:
 
 @njit(cache=True, nogil=True)
 def slip_sum(d: Floats, k: Floats, bow: Floats, z: Floats, x0: float, x1: float) -> float:
-    """Move the elements from drive x0 to x1 (monotone between); z (n,) in place.
+    """Move the elements from drive x0 to x1 (monotone between); updates z (n,) in place.
 
     Returns sum_i k_i z_i.
     """
@@ -53,7 +53,7 @@ def slip_sum(d: Floats, k: Floats, bow: Floats, z: Floats, x0: float, x1: float)
         stretched = z[i] + dx + bow[i] * bend
         stretched = stretched if stretched < d[i] else d[i]
         z[i] = stretched if stretched > -d[i] else -d[i]
-    # four partial sums: one running sum would wait for itself at each element
+    # four partial sums: a single running sum would make each element wait for the previous one
     sums = (0.0, 0.0, 0.0, 0.0)
     for i in range(0, d.size, 4):
         sums = (
@@ -67,7 +67,7 @@ def slip_sum(d: Floats, k: Floats, bow: Floats, z: Floats, x0: float, x1: float)
 
 @njit(cache=True, nogil=True)
 def static_map(asymmetry: float, q: float) -> float:
-    """m(q) with m(0) = 0 and m(1) = 1."""
+    """Return m(q), with m(0) = 0 and m(1) = 1."""
     if asymmetry == 0.0:
         return q
     return float(np.expm1(asymmetry * q) / np.expm1(asymmetry))
@@ -75,7 +75,7 @@ def static_map(asymmetry: float, q: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _sweep(d: Floats, k: Floats, bow: Floats, norm: float, asymmetry: float, x: Floats) -> Floats:
-    """m along the drives x, from elements that are at rest."""
+    """Return m along the drives x, starting with elements at rest."""
     out, z = np.empty(x.size), np.zeros(d.size)
     before = 0.0
     for t in range(x.size):
@@ -86,7 +86,7 @@ def _sweep(d: Floats, k: Floats, bow: Floats, norm: float, asymmetry: float, x: 
 
 
 def loop(slip: Slip, asymmetry: float, low: float, high: float, points: int = 400) -> Floats:
-    """The settled loop between drives low and high, (3, points): x, m going up, m coming down."""
+    """Return the settled loop between drives low and high, (3, points): x, m rising, m falling."""
     x = np.linspace(low, high, points)
     path = np.concatenate([x, x[::-1], x, x[::-1]])
     m = _sweep(slip.d, slip.k, slip.bow, slip.norm, asymmetry, path)[2 * points :]
@@ -94,13 +94,13 @@ def loop(slip: Slip, asymmetry: float, low: float, high: float, points: int = 40
 
 
 def loop_width(slip: Slip, asymmetry: float, low: float = 0.0, high: float = 1.0) -> float:
-    """Widest place of the settled loop between two drives, as a share of its stroke."""
+    """Return the largest width of the settled loop between two drives, as a share of its stroke."""
     _, up, down = loop(slip, asymmetry, low, high)
     return float(np.max(down - up) / (up[-1] - up[0]))
 
 
 def build(width: float, asymmetry: float) -> Slip:
-    """Elements whose full loop is `width` of its stroke wide.
+    """Return elements whose full loop has a width of `width` times its stroke.
 
     Raises DriverConfigError when the stage would move the wrong way after a reversal.
     """

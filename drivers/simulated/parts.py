@@ -1,4 +1,4 @@
-"""The parts of the simulated stage as compiled kernels; kernels.py runs them in this order.
+"""The parts of the simulated stage as compiled kernels; kernels.py runs them in this order:
 
 command -> DAC step -> + gain x EXT -> clip -> amplifier lag -> 60 mA slew -> RC
         -> hysteresis -> creep -> mechanical mode -> guide friction
@@ -15,36 +15,36 @@ from numpy.typing import NDArray
 from dehyst.drivers.simulated.settings import STAGE_KEYS
 
 Floats = NDArray[np.float64]
-Record = Any  # numba reads a (1,) structured array; its scalar has attributes
+Record = Any  # numba indexes a (1,) structured array; the scalar has attributes
 
-# seed and hysteresis_width are used up when the stage is built; the rest of the settings, and:
+# seed and hysteresis_width are used only when the stage is built; the other settings, and:
 DERIVED = ("creep_static", "norm", "substep_s", "quiet_s")
 PARAMETERS = tuple(key for key in STAGE_KEYS if key not in ("seed", "hysteresis_width")) + DERIVED
 STATE = (
     "time_s",
-    "command_v",  # the inputs as they stand: command, EXT, the other axis, the temperature
+    "command_v",  # the present inputs: command, EXT, the other axis, the temperature
     "ext_v",
     "other_v",
     "temperature_k",
-    "clipped",  # 1 while the sum of command and EXT is outside the clip
-    "amplifier_v",  # behind the amplifier's lag
-    "source_v",  # behind the slew limit
+    "clipped",  # 1 while the sum of command and EXT is outside the clip range
+    "amplifier_v",  # after the amplifier's lag
+    "source_v",  # after the slew limit
     "drive_v",  # at the piezo
     "rate",  # filtered |drive rate|, ranges per second
     "slip",  # mechanical, as shares of the stroke: sum of the springs,
-    "strain",  # behind the static map,
+    "strain",  # after the static map,
     "creep",  # with creep,
     "mode",  # the mode's own coordinate
     "mode_rate",
-    "friction",  # um, behind the guide
-    "moved_um",  # from the origin, by this axis' own piezo: what the other axes feel
-    "others_um",  # what the other axes bring, before the platform's mode,
+    "friction",  # um, after the guide
+    "moved_um",  # from the origin, by this axis' own piezo: what moves the other axes
+    "others_um",  # contribution of the other axes, before the platform's mode,
     "swing",  # the mode's coordinate
     "swing_rate",
-    "cross_um",  # and behind it
-    "shift_um",  # keeps the displacement where it is when settings change
+    "cross_um",  # and after it
+    "shift_um",  # keeps the displacement unchanged when settings change
     "true_um",
-    "bridge_um",  # behind the bridge's filter
+    "bridge_um",  # after the bridge's filter
     "pushed_s",  # time of the newest entry of the delay line
     "spare_normal",
     "has_spare",
@@ -60,7 +60,7 @@ RING = 8192  # samples of the delay line
 
 @njit(cache=True, nogil=True)
 def quantised(value: float, step: float) -> float:
-    """The nearest multiple of step; step 0: the value itself."""
+    """Round to the nearest multiple of step; step 0: return the value itself."""
     return value if step == 0.0 else step * np.round(value / step)
 
 
@@ -68,7 +68,8 @@ def quantised(value: float, step: float) -> float:
 def electrical(
     p: Record, s: Record, command_v: float, h: float, rc_decay: float, amplifier_decay: float
 ) -> None:
-    """DAC, EXT, clip, amplifier lag, slew, RC over h seconds: updates s, returns nothing."""
+    """Advance DAC, EXT, clip, amplifier lag, slew and RC by h seconds: updates s, returns
+    nothing."""
     wanted = quantised(command_v, p.dac_step_v) + p.ext_gain * s.ext_v
     limited = min(p.clip_max_v, max(p.clip_min_v, wanted))
     s.clipped = 1.0 if limited != wanted else 0.0
@@ -95,7 +96,7 @@ def electrical(
 
 @njit(cache=True, nogil=True)
 def mode_factors(hz: float, damping: float, h: float) -> tuple[float, float, float, float]:
-    """Transition of a mode's free motion over h seconds: a11, a12, a21, a22."""
+    """Return the transition of a mode's free motion over h seconds: a11, a12, a21, a22."""
     w = 2.0 * math.pi * hz
     wd = w * math.sqrt(1.0 - damping**2)
     fade = math.exp(-damping * w * h)
@@ -111,7 +112,7 @@ def mode_factors(hz: float, damping: float, h: float) -> tuple[float, float, flo
 
 @njit(cache=True, nogil=True)
 def cross(p: Record, s: Record, h: float) -> None:
-    """What the other axes bring, h seconds on: s.others_um is held for so long."""
+    """Advance the other axes' contribution by h seconds, with s.others_um held during them."""
     if p.cross_share > 0.0 and p.cross_hz > 0.0:
         a11, a12, a21, a22 = mode_factors(p.cross_hz, p.cross_damping, h)
         off, rate = s.swing - s.others_um, s.swing_rate
@@ -125,7 +126,7 @@ def cross(p: Record, s: Record, h: float) -> None:
 
 @njit(cache=True, nogil=True)
 def displacement(p: Record, s: Record) -> float:
-    """True displacement [um] from the state as it stands; moves the guide's friction with it."""
+    """Return the true displacement [um] from the present state; updates the guide's friction."""
     share = p.mode_share if p.mode_hz > 0.0 else 0.0
     moved = p.stroke_um * ((1.0 - share) * s.creep + share * s.mode)
     s.friction = max(moved - p.friction_um, min(moved + p.friction_um, s.friction))
@@ -140,7 +141,8 @@ def displacement(p: Record, s: Record) -> float:
 
 @njit(cache=True, nogil=True)
 def creep_sum(p: Record, relax: Floats, strain: float) -> float:
-    """Strain with creep: q [1 + g (c0 + sum_j (s_j / q) / per decade)], 1 at 0.1 s after a step."""
+    """Return strain with creep: q [1 + g (c0 + sum_j (s_j / q) / per decade)], 1 at 0.1 s after a
+    step."""
     total = 0.0
     for j in range(relax.size):
         total += relax[j]
@@ -149,7 +151,7 @@ def creep_sum(p: Record, relax: Floats, strain: float) -> float:
 
 @njit(cache=True, nogil=True)
 def recall_bridge(parameters: Record, state: Record, ring: Floats) -> float:
-    """Bridge value [um] sensor_delay_s ago, straight line between the stored ones."""
+    """Return the bridge value [um] sensor_delay_s ago, interpolated linearly."""
     p = parameters[0]
     s = state[0]
     if p.sensor_delay_s == 0.0:
@@ -170,7 +172,8 @@ def recall_bridge(parameters: Record, state: Record, ring: Floats) -> float:
 
 @njit(cache=True, nogil=True)
 def uniform(random: NDArray[np.uint64]) -> float:
-    """One number in (0, 1): splitmix64 (Steele, Lea and Flood, OOPSLA 2014); random (1,) uint64."""
+    """Draw a number in (0, 1): splitmix64 (Steele, Lea and Flood, OOPSLA 2014); random (1,)
+    uint64."""
     random[0] += np.uint64(0x9E3779B97F4A7C15)
     x = random[0]
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -181,7 +184,8 @@ def uniform(random: NDArray[np.uint64]) -> float:
 
 @njit(cache=True, nogil=True)
 def reading(parameters: Record, state: Record, ring: Floats, random: NDArray[np.uint64]) -> float:
-    """What the strain-gauge reader shows now [um]: one fresh sample of noise, then the ADC."""
+    """Return what the strain-gauge reader shows now [um]: one fresh sample of noise, then the
+    ADC."""
     p = parameters[0]
     s = state[0]
     y = recall_bridge(parameters, state, ring)
@@ -192,7 +196,7 @@ def reading(parameters: Record, state: Record, ring: Floats, random: NDArray[np.
         if s.has_spare > 0.0:
             s.has_spare = 0.0
             normal = s.spare_normal
-        else:  # Box-Muller gives two
+        else:  # Box-Muller returns two values
             radius = math.sqrt(-2.0 * math.log(uniform(random)))
             angle = 2.0 * math.pi * uniform(random)
             normal = radius * math.cos(angle)

@@ -1,9 +1,9 @@
-"""Settings of the simulated stage: every effect has its numbers, and 0 switches it off.
+"""Settings of the simulated stage: every effect has its parameters, and 0 switches it off.
 
 The defaults are a PZS001 stack (1.4 uF, 17.4 um at 150 V) on an MDT693B: 150 ohm and 60 mA in
-front of the capacitor, 10 to 15 % hysteresis, creep of 1.2 % per decade, one mechanical mode and
-a bridge with a filter and noise. Hum, drift, coupling, friction and rate dependence are off. An
-axis of a stage with several has such settings of its own, and what the others bring to it.
+series with the capacitor, 10 to 15 % hysteresis, creep of 1.2 % per decade, one mechanical mode and
+a bridge with a filter and noise. Hum, drift, coupling, friction and rate dependence are off. Each
+axis of a stage with several has such settings, plus the other axes' contribution to it.
 """
 
 from typing import Annotated, Literal, Self
@@ -14,7 +14,7 @@ from dehyst.drivers.settings import Settings
 
 
 class StageSettings(Settings, frozen=True):
-    """The stage in numbers, in the order in which the effects act. 0 switches an effect off."""
+    """The stage's parameters, in the order in which the effects act. 0 switches an effect off."""
 
     driver = "simulated stage"
 
@@ -76,14 +76,14 @@ class StageSettings(Settings, frozen=True):
     friction_um: Annotated[
         float, Meta(ge=0, description="half width of the guide's stick range")
     ] = 0.0
-    # what moves the stage besides its drive
+    # effects other than the drive that move the stage
     gain_per_k: Annotated[float, Meta(description="change of the gain with temperature")] = 0.0
     expansion_um_per_k: Annotated[float, Meta(description="thermal expansion")] = 0.0
     drift_um_per_s: Annotated[float, Meta(description="drift of the mount")] = 0.0
     coupling_um_per_v: Annotated[
         float, Meta(description="displacement per volt on the other axis")
     ] = 0.0
-    # what the other axes of the stage bring: their own motion, from their origin
+    # contribution of the stage's other axes: their own motion, from their origin
     from_x: Annotated[
         float, Meta(ge=-0.5, le=0.5, description="displacement per displacement of axis x")
     ] = 0.0
@@ -119,18 +119,20 @@ class StageSettings(Settings, frozen=True):
     adc_step_um: Annotated[float, Meta(ge=0, description="step of the reading")] = 0.0005
 
     def check(self) -> None:
-        """The clip must leave a range."""
+        """Refuse a clip that leaves no range."""
         if self.clip_min_v >= self.clip_max_v:
             raise self.wrong("clip_min_v", f"below clip_max_v = {self.clip_max_v:g}")
 
     def quiet(self, **others: float) -> Self:
-        """This stage with every effect behind the drive but its scale switched off, for tests."""
+        """Return this stage with every effect downstream of the drive off except the scale, for
+        tests."""
         off = dict.fromkeys(OFF_FOR_QUIET, 0.0)
         return structs.replace(self, **{**off, **others})
 
 
 class SimulatedSettings(StageSettings, frozen=True):
-    """What both drivers of a simulated stage take: whose stage, which axis, and what it is."""
+    """Settings that both drivers of a simulated stage take: stage, axis, and the stage's
+    parameters."""
 
     stage: Annotated[
         str, Meta(min_length=1, description="name of the stage; drivers that give one share it")

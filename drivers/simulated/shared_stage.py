@@ -1,8 +1,8 @@
-"""The simulated stage that amplifiers and gauges share, by its name and their axis.
+"""The simulated stage that amplifiers and gauges share, found by its name and their axis.
 
-Time is the clock's, or, with `period_s`, virtual: when each axis that has an open amplifier has
-been written, exactly that much time passes under the voltages just written, so that a run repeats
-bit for bit.
+Time is the clock's or, with `period_s`, virtual: once each axis with an open amplifier has been
+written, exactly that much time passes under the voltages just written, so a run repeats bit for
+bit.
 """
 
 import time
@@ -17,12 +17,12 @@ from dehyst.drivers.simulated.axes import DRIVEN, EPOCH, PLUGGED, WRITTEN, N, Pl
 from dehyst.drivers.simulated.settings import AXES, STAGE_KEYS, StageSettings
 from dehyst.drivers.simulated.stage import SimulatedStage
 
-if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
+if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
     from dehyst.drivers.direct_calls import Addresses
 
 
 class SharedPlatform:
-    """A simulated stage, the clock it follows, and how its devices are switched.
+    """A simulated stage, the clock it follows, and the switches of its devices.
 
     clock_ns, sleep: injected; by default the monotonic clock and time.sleep.
     """
@@ -31,19 +31,19 @@ class SharedPlatform:
         self.name = name
         self.clock_ns: Callable[[], int] = time.monotonic_ns
         self.sleep: Callable[[float], None] = time.sleep
-        self.period_s: float | None = None  # None: not said yet, which is 0
+        self.period_s: float | None = None  # None: not given yet, used as 0
         self.platform = Platform()
         self.switches = np.array([1] * N + [0] * (2 * N + 1))
         self.axes: weakref.WeakValueDictionary[str, SharedStage] = weakref.WeakValueDictionary()
 
     def follow_clock(self) -> None:
-        """Bring the stage to the present; nothing in virtual time."""
+        """Advance the stage to the present; do nothing in virtual time."""
         if not self.period_s:
             self.platform.advance_to(self.clock_ns())
 
     def write(self, place: int, stage: SimulatedStage, volts: float) -> None:
-        """An axis is written. In virtual time, time passes when all have been, and before one is
-        for the second time."""
+        """Write to an axis. In virtual time, time advances when all axes have been written, and
+        before an axis is written for the second time."""
         written, driven = self.switches[WRITTEN:EPOCH], self.switches[DRIVEN:WRITTEN]
         if self.period_s and written[place]:
             self._pass_sample(self.period_s)
@@ -58,7 +58,7 @@ class SharedPlatform:
 
 
 class SharedStage:
-    """One axis of a simulated stage and who uses it. `plugged = False` pulls its plug."""
+    """One axis of a simulated stage and its users. `plugged = False` unplugs it."""
 
     def __init__(self, shared: SharedPlatform, axis: str) -> None:
         self.platform = shared
@@ -69,18 +69,18 @@ class SharedStage:
 
     @property
     def name(self) -> str:
-        """Of the stage."""
+        """The stage's name."""
         return self.platform.name
 
     @property
     def title(self) -> str:
-        """The stage's name, and the axis where it has several."""
+        """The stage's name, and the axis if it has several."""
         alone = len(self.platform.axes) == 1 and self.axis == AXES[0]
         return f"stage '{self.name}'" + ("" if alone else f", axis {self.axis}")
 
     @property
     def plugged(self) -> bool:
-        """False: every call raises DeviceGone."""
+        """If False, every call raises DeviceGone."""
         return bool(self.platform.switches[PLUGGED + self.place])
 
     @plugged.setter
@@ -88,7 +88,7 @@ class SharedStage:
         self.platform.switches[PLUGGED + self.place] = value
 
     def drive(self, on: bool) -> None:
-        """The amplifier was opened, or closed: virtual time waits for it, or no more."""
+        """Note that the amplifier was opened or closed: virtual time waits for it, or no longer."""
         self.platform.switches[DRIVEN + self.place] = on
 
     @property
@@ -97,22 +97,22 @@ class SharedStage:
         return float(self.platform.period_s or 0.0)
 
     def settings(self) -> StageSettings:
-        """The axis' settings as far as they were given."""
+        """The axis' settings that have been given so far."""
         return StageSettings(**{k: v for k, v in self.given.items() if k in STAGE_KEYS})
 
     @property
     def idle(self) -> bool:
-        """True when the axis has been used and nobody has it open now."""
+        """True when the axis has been used but nobody has it open now."""
         return self.users == 0 and self.axis in self.platform.platform.axes
 
     @property
     def stage(self) -> SimulatedStage:
-        """The axis; made when it is first needed."""
+        """The axis; it is made on first use."""
         made = self.platform.platform
         return made.axes.get(self.axis) or made.add(self.axis, self.settings())
 
     def merge(self, given: Mapping[str, Any]) -> None:
-        """Add the keys of one driver, checked; DriverConfigError where they contradict others."""
+        """Add and check one driver's keys; raise DriverConfigError if they contradict others."""
         known = dict(self.given)
         if self.platform.period_s is not None or self.platform.platform.axes:
             known["period_s"] = self.period_s
@@ -132,17 +132,17 @@ class SharedStage:
         self.settings()
 
     def require_plug(self) -> None:
-        """Raise DeviceGone while the plug is out."""
+        """Raise DeviceGone while unplugged."""
         if not self.plugged:
             raise DeviceGone(f"simulated {self.title} is unplugged")
 
     def follow_clock(self) -> None:
-        """Bring the stage to the present; nothing in virtual time."""
+        """Advance the stage to the present; do nothing in virtual time."""
         self.stage  # noqa: B018  its time begins with its first use
         self.platform.follow_clock()
 
     def context(self, low_v: float, high_v: float) -> "Addresses":
-        """This axis for the C functions of direct_calls.py."""
+        """Return the context of this axis for the C functions of direct_calls.py."""
         from dehyst.drivers.simulated import direct_calls
 
         shared = self.platform
@@ -163,10 +163,10 @@ def shared_stage(
     sleep: Callable[[float], None] | None = None,
     axis: str = AXES[0],
 ) -> SharedStage:
-    """The axis of the stage of this name, made if it is not there; it lives as long as a driver
-    holds it.
+    """Return an axis of the stage of this name, made on first use; it exists as long as a driver
+    refers to it.
 
-    A stage of which nobody has an axis open gives way to one with other settings.
+    A stage of which no axis is open is replaced when other settings are given.
     """
     shared = _platforms.get(name)
     given = given or {}

@@ -1,7 +1,7 @@
 """The simulated stage: amplifier output, piezo stack, mechanics and bridge, as one object.
 
-The physics is in dehyst.drivers.simulated.kernels; this object holds the state and knows the
-faults. Time is what the caller says: no clock is read here. The command acts from the moment it is
+The physics is in dehyst.drivers.simulated.kernels; this object holds the state and implements the
+faults. The caller passes the time: no clock is read here. A command acts from the moment it is
 given; a reading is taken at the present moment.
 """
 
@@ -23,7 +23,7 @@ from dehyst.drivers.simulated.tuning import TUNING
 
 NS = 1e-9
 FAULTS = ("stuck", "nan", "range", "late")
-RANGE_FACTOR = 4.0  # a reading out of range: so many strokes above the origin
+RANGE_FACTOR = 4.0  # a reading out of range: this many strokes above the origin
 
 _slip = functools.lru_cache(maxsize=32)(build)
 
@@ -31,10 +31,11 @@ _slip = functools.lru_cache(maxsize=32)(build)
 class SimulatedStage:
     """A simulated stage; deterministic for given settings, commands and times.
 
-    Faults of the reading (`fault`): "stuck" repeats the last one, "nan", "range" shows a value
-    far above the stroke, "late" leaves it right and asks the reader to answer `late_s` later.
+    Faults of the reading (`fault`): "stuck" repeats the last one, "nan" returns NaN, "range" shows
+    a value far above the stroke, "late" leaves the value correct and asks the reader to answer
+    `late_s` later.
 
-    plant: the state in arrays that stay where they are, for compiled code.
+    plant: the state in arrays that keep their addresses, for compiled code.
     """
 
     def __init__(
@@ -43,7 +44,8 @@ class SimulatedStage:
         plant: StageArrays | None = None,
         pass_time: Callable[[float], None] | None = None,
     ) -> None:
-        """plant, pass_time: of an axis of a Platform, the arrays and what lets time pass."""
+        """plant, pass_time: for an axis of a Platform, its arrays and the function that advances
+        time."""
         self.settings = settings or StageSettings()
         self.plant = plant or stage_arrays()
         self._pass_time = pass_time or self._alone
@@ -59,7 +61,8 @@ class SimulatedStage:
     # -- time and drive ---------------------------------------------------------------------
 
     def command(self, volts: float) -> None:
-        """Set the amplifier's digital command [V] from now on; the output follows in time."""
+        """Set the amplifier's digital command [V] from now on; the output follows with its
+        dynamics."""
         if not math.isfinite(volts):
             raise DriverConfigError(f"stage: command {volts} V is not a number")
         self._set("command_v", volts)
@@ -77,7 +80,8 @@ class SimulatedStage:
                 self._set(name, value)
 
     def advance(self, dt_s: float, volts: float | None = None) -> None:
-        """Let dt_s seconds pass, with `volts` commanded from their start on (None: as it was)."""
+        """Advance by dt_s seconds, with `volts` commanded from the start (None: unchanged
+        command)."""
         if volts is not None:
             self.command(volts)
         if not 0.0 <= dt_s < math.inf:
@@ -91,9 +95,9 @@ class SimulatedStage:
         kernels.advance_stage(self.plant, dt_s, held, held)
 
     def advance_to(self, time_ns: int, volts: float | None = None) -> None:
-        """Let time pass until time_ns under the command so far, then command `volts`.
+        """Advance to time_ns under the present command, then command `volts`.
 
-        The first call sets the origin of time. A time in the past lets no time pass.
+        The first call sets the origin of time. A time in the past changes nothing.
         """
         if self._epoch_ns is None:
             self._epoch_ns = time_ns - round(self.time_s / NS)
@@ -102,7 +106,7 @@ class SimulatedStage:
             self.command(volts)
 
     def settle(self, volts: float, ramp_s: float = 1.0, rest_s: float = 10.0) -> None:
-        """Move to `volts` in a straight line over ramp_s and rest there: passes that much time."""
+        """Ramp linearly to `volts` over ramp_s and rest there for rest_s; advances by that time."""
         start = self.command_v
         for n in range(200):
             self.advance(ramp_s / 200, start + (volts - start) * (n + 1) / 200)
@@ -118,11 +122,11 @@ class SimulatedStage:
         temperature_k: Floats | None = None,
         straight: bool = False,
     ) -> tuple[Floats, Floats]:
-        """True displacement and reading, (N,) each [um], at times t_s (N,) counted from now.
+        """Return true displacement and reading, (N,) each [um], at times t_s (N,) counted from now.
 
         volts (N,): volts[k] is commanded at t_s[k], after the reading at t_s[k], and held until
-        t_s[k+1] (straight=True: an analog source that goes in a straight line instead). The
-        other inputs (N,) likewise; None leaves them as they stand. Faults are not applied.
+        t_s[k+1] (straight=True: linear interpolation, like an analog source). The other inputs (N,)
+        likewise; None leaves them unchanged. Faults are not applied.
         """
         t = np.ascontiguousarray(t_s, dtype=np.float64)
         v = np.ascontiguousarray(volts, dtype=np.float64)
@@ -142,11 +146,11 @@ class SimulatedStage:
             row[:] = self.plant.state[name][0] if given is None else given
         return kernels.run_stage(self.plant, t, v, extra, straight)
 
-    # -- what can be seen -------------------------------------------------------------------
+    # -- observable quantities --------------------------------------------------------------
 
     @property
     def time_s(self) -> float:
-        """Seconds that have passed for the stage."""
+        """Simulated seconds that have passed."""
         return float(self.plant.state["time_s"][0])
 
     @property
@@ -156,12 +160,12 @@ class SimulatedStage:
 
     @property
     def command_v(self) -> float:
-        """The command as it stands [V]."""
+        """The present command [V]."""
         return float(self.plant.state["command_v"][0])
 
     @property
     def drive_v(self) -> float:
-        """Voltage at the piezo, behind the slew limit and the RC [V]."""
+        """Voltage at the piezo, after the slew limit and the RC [V]."""
         return float(self.plant.state["drive_v"][0])
 
     @property
@@ -170,7 +174,8 @@ class SimulatedStage:
         return float(self.plant.state["true_um"][0])
 
     def reading_um(self) -> float:
-        """One reading [um]: filter, delay, fresh noise, ADC, and the fault if one is on."""
+        """Take one reading [um]: filter, delay, fresh noise, ADC, and the fault if one is
+        active."""
         kind = self.reading_fault
         if kind == "stuck":
             return self._last_reading
@@ -186,19 +191,19 @@ class SimulatedStage:
     # -- faults and changes -----------------------------------------------------------------
 
     def fault(self, kind: str, for_s: float = math.inf, late_s: float = 0.01) -> None:
-        """Disturb readings for the next for_s seconds of the stage's time."""
+        """Apply a fault to the readings for the next for_s seconds of the stage's time."""
         if kind not in FAULTS:
             raise DriverConfigError(f"unknown stage fault '{kind}'; known: {', '.join(FAULTS)}")
         self._fault = (kind, self.time_s + for_s)
         self._late_s = late_s
 
     def clear_fault(self) -> None:
-        """Readings are right again."""
+        """End the fault: readings are correct again."""
         self._fault = None
 
     @property
     def reading_fault(self) -> str | None:
-        """The fault that is on now, or None."""
+        """The active fault, or None."""
         if self._fault is not None and self.time_s >= self._fault[1]:
             self._fault = None
         return None if self._fault is None else self._fault[0]
@@ -209,7 +214,7 @@ class SimulatedStage:
         return self._late_s if self.reading_fault == "late" else 0.0
 
     def change(self, *, jump: bool = False, **settings: float) -> None:
-        """Change settings at run time; the state stays, and so does the displacement.
+        """Change settings at run time; the state and the displacement are kept.
 
         With jump=True a new gain moves the stage at once; otherwise it acts from here on.
         """
@@ -232,7 +237,7 @@ class SimulatedStage:
         self._set("true_um", now)
 
     def _refresh_strain(self) -> None:
-        """Strain and creep under new parameters, from the springs as they stand."""
+        """Recompute strain and creep under new parameters, from the present springs."""
         s, p = self.plant.state, self.plant.parameters
         x = self.drive_v / p["full_scale_v"][0]
         slip = float(self.plant.elements[1] @ self.plant.springs)
@@ -262,7 +267,7 @@ class SimulatedStage:
 
 
 def stage_arrays() -> StageArrays:
-    """A stage at rest, all 0."""
+    """Return a stage at rest, all 0."""
     return StageArrays(
         parameters=np.zeros(1, parts.PARAMETERS_T),
         elements=np.zeros((3, COUNT)),
@@ -275,7 +280,8 @@ def stage_arrays() -> StageArrays:
 
 
 def _substep_s(settings: StageSettings) -> float:
-    """Longest sub-step while the stage moves: resolves the RC corner, the mode and the hum."""
+    """Return the longest sub-step during motion: it resolves the RC corner, the mode and the
+    hum."""
     taus = (settings.rc_tau_s, settings.amplifier_tau_s)
     limits = [TUNING.longest_substep_s]
     limits += [tau / TUNING.substeps_per_tau for tau in taus if tau > 0]
@@ -290,7 +296,7 @@ def _substep_s(settings: StageSettings) -> float:
 
 
 def _quiet_s(settings: StageSettings) -> float:
-    """Longest sub-step at rest: the hum goes on."""
+    """Return the longest sub-step at rest: it resolves the hum, which continues."""
     if settings.hum_um and settings.hum_hz:
         return 1 / (TUNING.substeps_per_hum * settings.hum_hz)
     return TUNING.longest_substep_s
