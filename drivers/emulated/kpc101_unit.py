@@ -155,7 +155,7 @@ class Bpc303Unit(AptUnit):
         return sum(channel.readings_done for channel in self.channels.values())
 
     def output_v(self, axis: str = "x") -> float:
-        """Return the output voltage of a channel; an empty bay has none."""
+        """Return the output voltage of a channel; 0 for an empty bay."""
         channel = self.channels.get(codec.BAYS[AXES.index(axis)])
         return channel.output_v() if channel else 0.0
 

@@ -1,4 +1,4 @@
-"""Linux IIO through sysfs: a bridge converter in, a converter's analog voltage out."""
+"""Linux IIO through sysfs: input from a bridge converter, analog output from a DAC."""
 
 from dehyst.drivers.iio.actuator import IioActuator
 from dehyst.drivers.iio.sensor import IioSensor

@@ -1,9 +1,9 @@
 """A digital-to-analog converter under Linux IIO, into the amplifier's analog input.
 
-Voltage at the piezo = gain x volts at the converter, on top of the voltage set by knob or USB,
-which this driver cannot know: set it to 0. The counts at which the output stands are read back
-when the channel is opened. A converter that is powered down must be woken first
-(out_voltage0_powerdown). Tested on real files laid out like sysfs, not on a converter.
+Voltage at the piezo = gain x volts at the converter, plus the voltage set by knob or USB, which
+this driver cannot know: set it to 0. The output's present counts are read back when the channel is
+opened. A converter that is powered down must be woken first (out_voltage0_powerdown). Tested on
+real files laid out like sysfs, not on a converter.
 """
 
 import math
@@ -17,11 +17,11 @@ from dehyst.drivers.iio.settings import IioActuatorSettings
 from dehyst.drivers.interface import DeviceNotFound, DeviceSpec, DriverConfigError, OutOfRange
 from dehyst.drivers.settings import read_settings
 
-if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
+if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
     from dehyst.drivers.direct_calls import Direct
 
-LATENCY_S = 1e-4  # of a write over SPI, until somebody measures it
-HAIR = 1e-6  # of a count: an end of the range that falls on a count includes it
+LATENCY_S = 1e-4  # assumed duration of a write over SPI; it is not measured
+HAIR = 1e-6  # of a count: a range limit that falls on a count includes it
 
 
 class IioActuator:
@@ -44,7 +44,7 @@ class IioActuator:
         return cls(read_settings(cls.settings_type, settings))
 
     def open(self) -> None:
-        """Find the channel, its scale and offset, and where the output stands. Moves nothing."""
+        """Find the channel, its scale and offset, and the present output. Moves nothing."""
         channel = self._channel
         if channel.is_open:
             return
@@ -72,11 +72,12 @@ class IioActuator:
         c["output_v"] = volts
 
     def output(self) -> float:
-        """The last written voltage at the piezo, or the one found when the channel was opened."""
+        """Return the last written voltage at the piezo, or the one found when the channel was
+        opened."""
         return float(self._channel.context["output_v"][0])
 
     def direct(self) -> "Direct":
-        """How compiled code writes."""
+        """Return the C function that writes."""
         from dehyst.drivers.iio import direct_calls
 
         return direct_calls.actuator(self._channel)

@@ -1,9 +1,9 @@
-"""A channel of an IIO device: its file of raw counts, held open, and its scale and offset.
+"""A channel of an IIO device: its file of raw counts, kept open, and its scale and offset.
 
     path/name, path/in_voltage0_raw (or in_voltage0-voltage1_raw), ..._scale, ..._offset
     path/out_voltage0_raw, ..._scale, ..._offset
 
-The voltage in millivolts is (raw + offset) x scale, as the kernel's ABI document says
+The voltage in millivolts is (raw + offset) x scale, according to the kernel's ABI document
 (Documentation/ABI/testing/sysfs-bus-iio). Each read from the start of the file triggers one
 conversion, each write to it sets the output; both work on a file that stays open.
 """
@@ -34,29 +34,29 @@ CONTEXT_T = np.dtype(
         ("scale_mv", np.float64),  # millivolts per count
         ("gain", np.float64),  # um per mV, or piezo volts per volt
         ("zero_mv", np.float64),
-        ("low", np.int64),  # counts at the ends of what is read or may be written
+        ("low", np.int64),  # lowest and highest counts that are read or may be written
         ("high", np.int64),
         ("minimum_v", np.float64),  # what may be written
         ("maximum_v", np.float64),
-        ("output_v", np.float64),  # the last voltage that was written, by whichever loop
-        ("size", np.int64),  # bytes of the text that was read last
+        ("output_v", np.float64),  # the last voltage written, by either loop
+        ("size", np.int64),  # length in bytes of the text read last
         ("text", np.uint8, (TEXT_BYTES,)),
     ]
 )
-"""What both loops know of a channel; iio/direct_calls.py works on it."""
+"""Channel data that both loops share; iio/direct_calls.py works on it."""
 
 
 def fault_of(file: Path, number: int) -> DriverError:
-    """The error that an errno of reading or writing a channel's file stands for."""
-    if number == errno.ETIMEDOUT:  # the kernel driver waited for the converter in vain
+    """Return the error for an errno from reading or writing a channel's file."""
+    if number == errno.ETIMEDOUT:  # the kernel driver's wait for the converter timed out
         return DeviceTimeout(f"iio: {file}: the converter did not finish in time")
     kind = ProtocolError if number in REFUSED else DeviceGone
     return kind(f"iio: {file}: {os.strerror(number)}")
 
 
 def counts_in(file: Path, text: bytes) -> int:
-    """The number at the start of a file's text. Raises DeviceGone where there is no text at all,
-    ProtocolError where it is no number."""
+    """Return the number at the start of a file's text. Raises DeviceGone if the file is empty,
+    ProtocolError if the text is not a number."""
     if not text:
         raise DeviceGone(f"iio: {file} is empty")
     found = NUMBER.match(text)
@@ -67,7 +67,8 @@ def counts_in(file: Path, text: bytes) -> int:
 
 
 class Channel:
-    """direction: "in" or "out"; name: e.g. "voltage0"; context: (1,) of CONTEXT_T."""
+    """A channel of a device. direction: "in" or "out"; name: e.g. "voltage0"; context: (1,) of
+    CONTEXT_T."""
 
     def __init__(self, path: str, direction: str, name: str) -> None:
         self.folder = Path(path)
@@ -79,7 +80,7 @@ class Channel:
 
     @property
     def is_open(self) -> bool:
-        """Whether the file is held open."""
+        """Whether the file is open."""
         return bool(self.context["file"][0] >= 0)
 
     def open(self) -> None:
@@ -101,14 +102,14 @@ class Channel:
             raise DeviceNotFound(f"iio: {self.file}: {error.strerror}") from None
 
     def close(self) -> None:
-        """Release the file. Safe to call twice."""
+        """Close the file. Safe to call twice."""
         if self.is_open:
             file = int(self.context["file"][0])
             self.context["file"] = -1
             os.close(file)
 
     def read_counts(self) -> int:
-        """One conversion, or the counts that an output stands at."""
+        """Run one conversion, or read the present counts of an output."""
         try:
             text = os.pread(self._ready(), TEXT_BYTES, 0)
         except OSError as error:
@@ -116,14 +117,14 @@ class Channel:
         return counts_in(self.file, text)
 
     def write_counts(self, counts: int) -> None:
-        """Set an output."""
+        """Set an output to these counts."""
         try:
             os.pwrite(self._ready(), b"%d\n" % counts, 0)
         except OSError as error:
             raise fault_of(self.file, error.errno or 0) from None
 
     def attribute(self, name: str) -> float | None:
-        """The channel's own attribute, or the one its kind shares; None where there is none."""
+        """Return the channel's own attribute, or that of its kind; None if there is neither."""
         found = re.match("[a-z]+", self.name)
         kind = found.group() if found else "voltage"
         for owner in (self.name, kind, f"{kind}-{kind}"):
@@ -140,14 +141,14 @@ class Channel:
         return None
 
     def text(self, file: Path) -> str | None:
-        """What a file says; None where there is none."""
+        """Return the text of a file; None if it does not exist."""
         try:
             return file.read_text().strip()
         except OSError:
             return None
 
     def identity(self) -> str:
-        """Device and channel, for the log."""
+        """Return device and channel, for the log."""
         return f"IIO {self.text(self.folder / 'name') or 'unnamed'} {self.name}"
 
     def _ready(self) -> int:
@@ -157,7 +158,7 @@ class Channel:
 
 
 def count_range(bits: int, unsigned: bool) -> tuple[int, int]:
-    """Smallest and largest counts of a converter."""
+    """Return the smallest and largest counts of a converter."""
     if unsigned:
         return 0, 2**bits - 1
     return -(2 ** (bits - 1)), 2 ** (bits - 1) - 1

@@ -1,8 +1,8 @@
 """The IIO channels as C functions, for the compiled loop: pread and pwrite on the open file.
 
 They do what IioSensor.read and IioActuator.write do. The context is the record CONTEXT_T of
-channel.py; the text of a file goes through its own `text`, so that nothing is allocated. A result
-above 0 is an errno, one below 0 is a code of this file.
+channel.py; a file's text is stored in the channel's own `text`, so that nothing is allocated. A
+result above 0 is an errno, one below 0 is a code of this file.
 """
 
 import errno
@@ -18,7 +18,7 @@ from dehyst.drivers.interface import DeviceGone, DriverError, OutOfRange, Protoc
 
 CLOSED, NO_NUMBER, EMPTY, NOT_IN_RANGE = -1, -2, -3, -4
 MOST_DIGITS = 18
-INTERRUPTIONS = 16  # by signals, after which a call is given up
+INTERRUPTIONS = 16  # signals that may interrupt a call before it is given up
 SPACE, PLUS, MINUS, ZERO, NINE, NEWLINE = 32, 43, 45, 48, 57, 10
 
 _pread = types.ExternalFunction(
@@ -37,7 +37,7 @@ def _errno() -> int:
 
 @njit(cache=True, nogil=True)
 def _parse(text: Words, size: int) -> tuple[int, int]:
-    """(0 or NO_NUMBER, the number) at the start of the text, as channel.NUMBER has it."""
+    """Return (0 or NO_NUMBER, the number) at the start of the text, as channel.NUMBER parses it."""
     at = 0
     while at < size and text[at] == SPACE:
         at += 1
@@ -60,9 +60,9 @@ def _parse(text: Words, size: int) -> tuple[int, int]:
 
 @njit(cache=True, nogil=True)
 def _format(text: Words, number: int) -> int:
-    """Write the number and a newline into the text: how many bytes."""
+    """Write the number and a newline into the text; return the number of bytes."""
     size, left = 0, abs(number)
-    while left > 0 or size == 0:  # the digits from the last one
+    while left > 0 or size == 0:  # the digits, last one first
         text[size] = ZERO + left % 10
         left //= 10
         size += 1
@@ -77,7 +77,7 @@ def _format(text: Words, number: int) -> int:
 
 @cfunc(SIGNATURE, cache=True)
 def read(context, now_ns, value):  # type: ignore[no-untyped-def]
-    """Put one reading [um] into value[0]; NaN where the converter is at an end of its range."""
+    """Store one reading [um] in value[0]; NaN if the converter is at an end of its range."""
     c = carray(context, (1,), CONTEXT_T)[0]
     shown = carray(value, (1,), types.float64)
     if c.file < 0:
@@ -120,12 +120,12 @@ def write(context, now_ns, value):  # type: ignore[no-untyped-def]
 
 
 def sensor(channel: Channel) -> Direct:
-    """The input of an open driver."""
+    """Return the input of an open driver."""
     return _direct(channel, read.address)
 
 
 def actuator(channel: Channel) -> Direct:
-    """The output of an open driver."""
+    """Return the output of an open driver."""
     return _direct(channel, write.address)
 
 

@@ -14,7 +14,7 @@ from dehyst.drivers.iio.settings import IioSensorSettings
 from dehyst.drivers.interface import DeviceSpec
 from dehyst.drivers.settings import read_settings
 
-if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
+if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
     from dehyst.drivers.direct_calls import Direct
 
 
@@ -58,7 +58,7 @@ class IioSensor:
         self.spec = self._spec(channel.identity(), latency_s)
 
     def read(self) -> float:
-        """One conversion [um]; NaN where the converter is at an end of its range.
+        """Run one conversion [um]; NaN if the converter is at an end of its range.
 
         Raises DeviceTimeout, DeviceGone or ProtocolError.
         """
@@ -67,7 +67,7 @@ class IioSensor:
         return self._displacement_um(counts) if c["low"] < counts < c["high"] else math.nan
 
     def direct(self) -> "Direct":
-        """How compiled code reads."""
+        """Return the C function that reads."""
         from dehyst.drivers.iio import direct_calls
 
         return direct_calls.sensor(self._channel)

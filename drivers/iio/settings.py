@@ -10,7 +10,7 @@ FIRST_DEVICE = "/sys/bus/iio/devices/iio:device0"
 
 
 class IioSettings(Settings, frozen=True):
-    """What both kinds of channel take."""
+    """Settings of both kinds of channel."""
 
     driver = "iio"
 
@@ -21,7 +21,7 @@ class IioSettings(Settings, frozen=True):
     ] = "voltage0"
 
     def check(self) -> None:
-        """The channel stands in the device's folder."""
+        """Refuse a channel that is a path: it must be in the device's folder."""
         if "/" in self.channel:
             raise self.wrong("channel", "a name and no path")
 
@@ -39,7 +39,7 @@ class IioSensorSettings(IioSettings, frozen=True):
     ] = False
 
     def check(self) -> None:
-        """A scale of 0 would hide every motion."""
+        """Refuse a scale of 0, which would hide every motion."""
         super().check()
         if self.um_per_mv == 0:
             raise self.wrong("um_per_mv", "a number other than 0")
@@ -60,7 +60,7 @@ class IioActuatorSettings(IioSettings, frozen=True):
     max_rate_hz: Annotated[float, Meta(gt=0, description="highest rate of writes")] = 1000.0
 
     def check(self) -> None:
-        """There must be a range."""
+        """Refuse an empty range."""
         super().check()
         if not self.min_v < self.max_v:
             raise self.wrong("min_v", f"below max_v = {self.max_v:g}")

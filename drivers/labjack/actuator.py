@@ -1,8 +1,8 @@
 """LabJack: an analog output into the amplifier's EXT input.
 
-Voltage at the piezo = gain x (EXT volts - zero_v), on top of the voltage set by knob or USB, which
-this driver cannot know: set it to 0. A T7's own outputs reach 5 V, half of EXT's range; an
-LJTick-DAC (TDAC) reaches 10 V.
+Voltage at the piezo = gain x (EXT volts - zero_v), plus the voltage set by knob or USB, which this
+driver cannot know: set it to 0. A T7's own outputs reach 5 V, half of EXT's range; an LJTick-DAC
+(TDAC) reaches 10 V.
 """
 
 import math
@@ -15,7 +15,7 @@ from dehyst.drivers.labjack.channel import EXPECTED_S, MOST_HZ, Channel
 from dehyst.drivers.labjack.settings import LabjackActuatorSettings
 from dehyst.drivers.settings import read_settings
 
-if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
+if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
     from dehyst.drivers.direct_calls import Direct
 
 
@@ -50,7 +50,7 @@ class LabjackActuator(Channel):
         return cls(read_settings(cls.settings_type, settings))
 
     def write(self, volts: float) -> None:
-        """Set the voltage at the piezo. Raises OutOfRange, DeviceTimeout, DeviceGone."""
+        """Set the voltage at the piezo [V]. Raises OutOfRange, DeviceTimeout, DeviceGone."""
         ljm, settings = self._ready(), self.settings
         if not settings.min_v <= volts <= settings.max_v:  # NaN included
             raise OutOfRange(
@@ -65,11 +65,11 @@ class LabjackActuator(Channel):
         self._context["output_v"] = volts
 
     def output(self) -> float:
-        """The last written voltage at the piezo, or what the unit reported, or initial_v."""
+        """Return the last written voltage at the piezo, or what the unit reported, or initial_v."""
         return float(self._context["output_v"][0])
 
     def direct(self) -> "Direct | None":
-        """How compiled code writes; None without the C library."""
+        """Return the C function that writes; None without the C library."""
         from dehyst.drivers.labjack import direct_calls
 
         return direct_calls.actuator(self.channel, self._context, self._ljm)
@@ -90,7 +90,7 @@ class LabjackActuator(Channel):
                 f"{settings.min_v:g} to {settings.max_v:g} V allowed; bring it into that range by "
                 "hand, or change the limits"
             )
-        if not abs(stands_v - self.output()) <= half_v:  # not the last write's step
+        if not abs(stands_v - self.output()) <= half_v:  # off by more than the last write's step
             self._context["output_v"] = min(max(stands_v, settings.min_v), settings.max_v)
 
     def _timed_call(self) -> object:

@@ -1,4 +1,4 @@
-"""A register of a LabJack over the vendor's package, and what its errors mean."""
+"""A register of a LabJack through the vendor's package, and the conversion of its errors."""
 
 import ctypes
 import importlib
@@ -26,33 +26,34 @@ from dehyst.drivers.shared import shared_by
 LIBRARY = "libLabJackM.so"
 
 TIMED_OUT = (1206, 1263, 1306)
-"""Error codes of LJM for what did not happen in time: the unit is busy, no byte of a reply came, no
+"""Error codes of LJM for time-outs: the unit is busy, no byte of a reply arrived, no
 synchronisation in time. Every other error means that the unit cannot be used."""
 
 EXPECTED_S, MOST_HZ = 6e-4, 5000.0
-"""A call before the unit has been timed, 0.6 ms on USB by its data sheet, and what none exceeds."""
+"""Assumed duration of a call before the unit has been timed (0.6 ms on USB, by its data sheet), and
+the upper limit of the rate."""
 
 BATCHES = Batches()
 
 CONTEXT_T = np.dtype(
     [
-        ("handle", np.int64),  # of the open unit; 0 while the channel is closed
+        ("handle", np.int64),  # handle of the open unit; 0 while the channel is closed
         ("function", np.int64),  # address of the C function
         ("name", np.int64),  # address of the register's name, or of a list of such addresses
         ("gain", np.float64),  # piezo volts per EXT volt; um per volt
         ("zero", np.float64),  # EXT volts at 0 V; volts at displacement 0
-        ("minimum", np.float64),  # what may be written [V]; volts that are readings
+        ("minimum", np.float64),  # what may be written [V]; volts that are valid readings
         ("maximum", np.float64),
-        ("output_v", np.float64),  # the last voltage that was written, by whichever loop
-        ("count", np.int64),  # samples of a reading
-        ("samples", np.int64),  # address of room for them and for one number more
+        ("output_v", np.float64),  # the last voltage written, by either loop
+        ("count", np.int64),  # samples per reading
+        ("samples", np.int64),  # address of room for them and one more number
     ]
 )
-"""What both loops know of a channel; labjack/direct_calls.py works on it."""
+"""Channel data that both loops share; labjack/direct_calls.py works on it."""
 
 
 def vendor() -> Any:
-    """The vendor package; DeviceNotFound says how to install it."""
+    """Return the vendor package; DeviceNotFound says how to install it."""
     try:
         ljm = importlib.import_module("labjack.ljm")
     except ImportError as error:
@@ -60,12 +61,12 @@ def vendor() -> Any:
             "the LabJack package is not installed: pip install dehyst[labjack], and the LJM "
             f"library from LabJack ({error})"
         ) from None
-    load_ljm()  # the package only prints that it is absent
+    load_ljm()  # without it, the package only prints a message
     return ljm
 
 
 def load_ljm() -> ctypes.CDLL:
-    """LJM itself, as the package finds it; DeviceNotFound where it is not installed."""
+    """Load LJM from where the package finds it. Raises DeviceNotFound if it is not installed."""
     try:
         return ctypes.CDLL(LIBRARY)
     except OSError as error:
@@ -75,13 +76,14 @@ def load_ljm() -> ctypes.CDLL:
 
 
 def fault_of(channel: str, code: int | None, text: str) -> DriverError:
-    """The error of a call that failed. code: of LJM; text: its words."""
+    """Return the error of a call that failed. code: of LJM; text: its message."""
     kind = DeviceTimeout if code in TIMED_OUT else DeviceGone
     return kind(f"labjack {channel}: {' '.join(text.split())}")
 
 
 class Channel:
-    """One register of a unit; a driver says which. All of one unit share its handle."""
+    """One register of a unit; the driver subclass defines it. All registers of a unit share its
+    handle."""
 
     spec: DeviceSpec
 
@@ -105,7 +107,7 @@ class Channel:
         self._known = unit
 
     def open(self) -> None:
-        """Connect, see which unit it is, set up an input, time a few calls. Moves nothing."""
+        """Connect, identify the unit, set up an input, time a few calls. Moves nothing."""
         if self._handle:
             return
         self._ljm = vendor()
@@ -128,16 +130,16 @@ class Channel:
         self.open()
 
     def close(self) -> None:
-        """Use the unit no more; an output stays where it is. Safe to call twice."""
+        """Stop using the unit; an output stays where it is. Safe to call twice."""
         self._handle = 0
         self._context["handle"] = 0
         self._shared.release(id(self))
 
     def _prepare(self) -> None:
-        """What an open channel needs before it is used."""
+        """Prepare an open channel for use."""
 
     def _timed_call(self) -> object:
-        """A call that takes as long as those of the loop, and moves nothing."""
+        """Make a call that takes as long as the loop's calls and moves nothing."""
         raise TypeError(f"{type(self).__name__} times nothing")
 
     def _connect(self) -> int:
@@ -163,7 +165,7 @@ class Channel:
         return ""
 
     def _time(self) -> None:
-        """Once: a reconnect must not take longer than it has to."""
+        """Time the calls, only once: a reconnect must not take longer than necessary."""
         if self._timed:
             return
         times = BATCHES.best(self._timed_call, self._clock)
@@ -177,14 +179,14 @@ class Channel:
         return self._ljm
 
     def _failed(self, error: Any) -> DriverError:
-        """Release the unit after a call that failed: the error for it."""
+        """Release the unit after a failed call; return the error for it."""
         self._shared.drop(self._handle)
         self.close()
         return fault_of(self.channel, error.errorCode, str(error))
 
 
 def disconnect(handle: int) -> None:
-    """End a connection; nothing is left to end where the unit has gone."""
+    """Close a connection; errors are ignored, because the unit may have gone."""
     ljm = vendor()
     with suppress(ljm.LJMError):
         ljm.close(handle)

@@ -1,14 +1,14 @@
 """The LabJack channels as C functions, for the compiled loop.
 
-They call functions of LJM, which several threads may call, on the handle that the driver has
-opened, and do what LabjackActuator.write and LabjackSensor.read do. The context is the record
-CONTEXT_T of channel.py. Signatures: LabJackM.h,
+They call functions of LJM, which is thread-safe, with the handle that the driver has opened, and do
+the same as LabjackActuator.write and LabjackSensor.read. The context is the record CONTEXT_T of
+channel.py. Signatures, from LabJackM.h:
 
     int LJM_eWriteName(int Handle, const char *Name, double Value)
     int LJM_eReadNames(int Handle, int NumFrames, const char **aNames, double *aValues,
                        int *ErrorAddress)
 
-with a result other than 0 for an error or a warning; the package raises for both.
+A non-zero result is an error or a warning; the package raises for both.
 """
 
 import ctypes
@@ -74,7 +74,7 @@ def write(context, now_ns, value):  # type: ignore[no-untyped-def]
 
 @cfunc(SIGNATURE, cache=True)
 def read(context, now_ns, value):  # type: ignore[no-untyped-def]
-    """Put the mean of the samples [um] into value[0]; NaN where one is out of range."""
+    """Store the mean of the samples [um] in value[0]; NaN if any is out of range."""
     c = carray(context, (1,), CONTEXT_T)[0]
     shown = carray(value, (1,), types.float64)
     if c.handle == 0:
@@ -87,12 +87,12 @@ def read(context, now_ns, value):  # type: ignore[no-untyped-def]
 
 
 def actuator(channel: str, context: NDArray[Any], ljm: Any) -> Direct | None:
-    """The output of an open driver; None where it is not open."""
+    """Return the output of an open driver; None if it is not open."""
     return _direct(channel, context, ljm, write.address, "LJM_eWriteName")
 
 
 def sensor(channel: str, context: NDArray[Any], ljm: Any) -> Direct | None:
-    """The input of an open driver; None as in actuator."""
+    """Return the input of an open driver; None as in actuator."""
     return _direct(channel, context, ljm, read.address, "LJM_eReadNames")
 
 

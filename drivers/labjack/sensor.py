@@ -1,7 +1,7 @@
-"""LabJack: the voltage of a monitor, a capacitive probe or an interferometer in, in micrometres.
+"""LabJack: voltage input from a monitor, a capacitive probe or an interferometer, in micrometres.
 
-A reading is the mean of `average` samples that one exchange brings. The unit oversamples each by
-its `resolution_index`. Both make the reading late by half of the time that they take.
+A reading is the mean of `average` samples, obtained in one exchange. The unit oversamples each by
+its `resolution_index`. Both delay the reading by half the time that they take.
 """
 
 import math
@@ -16,7 +16,7 @@ from dehyst.drivers.labjack.channel import EXPECTED_S, MOST_HZ, Channel
 from dehyst.drivers.labjack.settings import LabjackSensorSettings
 from dehyst.drivers.settings import read_settings
 
-if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
+if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
     from dehyst.drivers.direct_calls import Direct
 
 GROUND = 199.0  # AIN#_NEGATIVE_CH of a single-ended input
@@ -59,7 +59,7 @@ class LabjackSensor(Channel):
         return cls(read_settings(cls.settings_type, settings))
 
     def read(self) -> float:
-        """One reading [um]; NaN where a sample is out of range. Raises DeviceTimeout,
+        """Take one reading [um]; NaN if a sample is out of range. Raises DeviceTimeout,
         DeviceGone."""
         ljm, settings, total = self._ready(), self.settings, 0.0
         try:
@@ -75,7 +75,7 @@ class LabjackSensor(Channel):
         return (total / settings.average - settings.zero_v) * settings.um_per_v
 
     def direct(self) -> "Direct | None":
-        """How compiled code reads; None without the C library."""
+        """Return the C function that reads; None without the C library."""
         from dehyst.drivers.labjack import direct_calls
 
         return direct_calls.sensor(self.channel, self._context, self._ljm)

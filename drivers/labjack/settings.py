@@ -8,13 +8,13 @@ from dehyst.drivers.analog import check_output_range
 from dehyst.drivers.settings import Settings
 
 MOST_AVERAGED = 14
-"""Values of 4 bytes that fit into one reply of 64 bytes on USB: one exchange for a reading."""
+"""Number of 4-byte values that fit into one 64-byte USB reply: one exchange per reading."""
 
 INPUT_RANGES_V = (0.01, 0.1, 1.0, 10.0)  # of a T7
 
 
 class LabjackSettings(Settings, frozen=True, kw_only=True):
-    """Which unit; an output and an input of one unit give the same."""
+    """Settings that identify the unit; an output and an input of one unit give the same values."""
 
     driver = "labjack"
 
@@ -63,11 +63,11 @@ class LabjackActuatorSettings(LabjackSettings, frozen=True, kw_only=True):
 
     @property
     def reports(self) -> bool:
-        """Whether the output can be asked where it stands."""
+        """Whether the output voltage can be queried."""
         return self.channel.upper().startswith("DAC")
 
     def check(self) -> None:
-        """The range must be one that EXT reaches."""
+        """Refuse a range that EXT cannot reach."""
         check_output_range(self, self.channel)
         if self.reports and self.initial_v is not None:
             raise self.wrong("initial_v", f"left out; {self.channel} reports its own output")
@@ -80,7 +80,7 @@ class LabjackActuatorSettings(LabjackSettings, frozen=True, kw_only=True):
 
 
 class LabjackSensorSettings(LabjackSettings, frozen=True, kw_only=True):
-    """An analog input: the voltage of a monitor, a probe, an interferometer."""
+    """An analog input: the voltage of a monitor, a probe or an interferometer."""
 
     channel: Annotated[str, Meta(min_length=1, description='the input, e.g. "AIN0"')] = "AIN0"
     um_per_v: Annotated[
@@ -117,7 +117,7 @@ class LabjackSensorSettings(LabjackSettings, frozen=True, kw_only=True):
     ] = 16
 
     def check(self) -> None:
-        """A scale of 0 would hide every motion."""
+        """Refuse a scale of 0, which would hide every motion."""
         if self.um_per_v == 0:
             raise self.wrong("um_per_v", "a number other than 0")
         if not self.min_v < self.max_v:

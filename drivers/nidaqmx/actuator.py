@@ -1,8 +1,8 @@
-"""NI-DAQmx: an analog voltage out into the amplifier's EXT input.
+"""NI-DAQmx: an analog output into the amplifier's EXT input.
 
-The fast path: voltage at the piezo = gain x (EXT volts - zero_v) (7.5, 10 or 15 on an MDT693B, by
-its limit switch) on top of the voltage set by knob or USB, which this driver cannot know: set it
-to 0.
+This is the fast path: voltage at the piezo = gain x (EXT volts - zero_v) (gain 7.5, 10 or 15 on an
+MDT693B, depending on its limit switch) plus the voltage set by knob or USB, which this driver
+cannot know: set it to 0.
 
 With `clock_hz` the output is hardware-timed, one point at a time: a written voltage appears at the
 next edge of the device's clock. There is no buffer, which would delay a loop by its length.
@@ -17,12 +17,12 @@ from dehyst.drivers.nidaqmx.channel import Channel
 from dehyst.drivers.nidaqmx.settings import NidaqmxActuatorSettings
 from dehyst.drivers.settings import read_settings
 
-if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
+if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
     from dehyst.drivers.direct_calls import Direct
 
 LATENCY_S = 1e-4
-"""Of a write, typical of a device in the computer; one on USB takes about 1 ms. A write cannot be
-timed without moving the output."""
+"""Duration of a write, typical of an internal device; one on USB takes about 1 ms. A write cannot
+be timed without moving the output."""
 
 
 class NidaqmxActuator(Channel):
@@ -56,7 +56,7 @@ class NidaqmxActuator(Channel):
         return cls(read_settings(cls.settings_type, settings))
 
     def write(self, volts: float) -> None:
-        """Set the voltage at the piezo. Raises OutOfRange, DeviceTimeout, DeviceGone."""
+        """Set the voltage at the piezo [V]. Raises OutOfRange, DeviceTimeout, DeviceGone."""
         task = self._ready()
         if not self.spec.minimum <= volts <= self.spec.maximum:
             raise OutOfRange(
@@ -71,11 +71,11 @@ class NidaqmxActuator(Channel):
         self._context["output_v"] = volts
 
     def output(self) -> float:
-        """The last written voltage at the piezo, or initial_v."""
+        """Return the last written voltage at the piezo, or initial_v."""
         return float(self._context["output_v"][0])
 
     def direct(self) -> "Direct | None":
-        """How compiled code writes; None without the C library."""
+        """Return the C function that writes; None without the C library."""
         from dehyst.drivers.nidaqmx import direct_calls
 
         return direct_calls.actuator(self.channel, self._context)

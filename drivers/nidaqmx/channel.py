@@ -1,4 +1,4 @@
-"""A channel as a task of the vendor's package, and what its errors mean."""
+"""A channel as a task of the vendor's package, and the conversion of its errors."""
 
 import importlib
 from typing import Any
@@ -15,29 +15,29 @@ from dehyst.drivers.interface import (
 )
 
 TIMED_OUT = (-200284, -200292, -200474, -200560)
-"""Status codes of NI-DAQmx for what did not happen in time: samples not yet available, samples
-that cannot be written yet, an operation timed out, a task that is not done. Every other error of
-a task that had been started means that its device cannot be used."""
+"""Status codes of NI-DAQmx for time-outs: samples not yet available, samples that cannot be written
+yet, an operation timed out, a task that is not done. Every other error of a task that had been
+started means that its device cannot be used."""
 
 CONTEXT_T = np.dtype(
     [
-        ("task", np.int64),  # handle of the task; 0 while the channel is closed
+        ("task", np.int64),  # task handle; 0 while the channel is closed
         ("function", np.int64),  # address of the C function
         ("timeout_s", np.float64),
         ("gain", np.float64),  # piezo volts per EXT volt; um per unit of the input
         ("zero", np.float64),  # EXT volts at 0 V; the input at displacement 0
-        ("minimum", np.float64),  # what may be written [V]; input values that are readings
+        ("minimum", np.float64),  # what may be written [V]; input values that are valid readings
         ("maximum", np.float64),
-        ("output_v", np.float64),  # the last voltage that was written, by whichever loop
-        ("count", np.int64),  # samples of a reading; 0: one value, read by itself
-        ("samples", np.int64),  # address of room for them and for one number more
+        ("output_v", np.float64),  # the last voltage written, by either loop
+        ("count", np.int64),  # samples per reading; 0: a single value, read on its own
+        ("samples", np.int64),  # address of room for them and one more number
     ]
 )
-"""What both loops know of a channel; nidaqmx/direct_calls.py works on it."""
+"""Channel data that both loops share; nidaqmx/direct_calls.py works on it."""
 
 
 def vendor() -> Any:
-    """The vendor package; DeviceNotFound says how to install it."""
+    """Return the vendor package; DeviceNotFound says how to install it."""
     try:
         return importlib.import_module("nidaqmx")
     except ImportError as error:
@@ -48,13 +48,13 @@ def vendor() -> Any:
 
 
 def fault_of(channel: str, status: int, text: str) -> DriverError:
-    """The error of a call that failed. status: of NI-DAQmx, below 0; text: its words."""
+    """Return the error of a call that failed. status: of NI-DAQmx, below 0; text: its message."""
     kind = DeviceTimeout if status in TIMED_OUT else DeviceGone
     return kind(f"nidaqmx {channel}: {' '.join(text.split())}")
 
 
 class Channel:
-    """A task with one channel; a driver says which."""
+    """A task with one channel; the driver subclass defines it."""
 
     channel = ""
 
@@ -71,11 +71,11 @@ class Channel:
         self._known = unit
 
     def open(self) -> None:
-        """Reserve the channel, see which device it is of, and start it. Moves nothing."""
+        """Reserve the channel, identify its device, and start it. Moves nothing."""
         if self._task is not None:
             return
         package = vendor()
-        self._error = package.errors.Error  # of all its errors; DaqError is one of them
+        self._error = package.errors.Error  # base class of all its errors, DaqError included
         task = None
         try:
             task = package.Task()
@@ -118,16 +118,16 @@ class Channel:
         raise TypeError(f"{type(self).__name__} has no channel")
 
     def _set_clock(self, task: Any, constants: Any) -> None:
-        """The sample clock, where the settings want one."""
+        """Set the sample clock, if the settings require one."""
 
     def _started(self, task: Any, constants: Any) -> None:
-        """What can be set on a task that runs only."""
+        """Set what can be set only on a running task."""
 
     def _prove(self) -> None:
-        """What is tried on an open channel before it is used."""
+        """Test the open channel before it is used."""
 
     def _identify(self, task: Any) -> None:
-        """The device behind the channel; one that NI simulates has no serial number."""
+        """Identify the device of the channel; one that NI simulates has no serial number."""
         device = next(iter(task.devices))
         self.product = str(device.product_type)
         number = int(device.dev_serial_num)
@@ -142,13 +142,13 @@ class Channel:
         return self._task
 
     def _failed(self, error: Exception) -> DriverError:
-        """Release the channel after a call that failed: the error for it."""
+        """Release the channel after a failed call; return the error for it."""
         self.close()
         return fault_of(self.channel, getattr(error, "error_code", 0), str(error))
 
 
 def handle_of(task: Any) -> int:
-    """The C library's handle of a task: an address, 0 where the task has none (a task on another
-    computer). The package keeps it to itself and offers nothing of its kind in public."""
+    """Return the C library's handle of a task: an address, 0 if the task has none (a task on
+    another computer). The package keeps it private and has no public equivalent."""
     handle = getattr(task, "_handle", None)
     return int(getattr(handle, "value", None) or 0)

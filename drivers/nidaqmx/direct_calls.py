@@ -1,15 +1,15 @@
 """The NI-DAQmx channels as C functions, for the compiled loop.
 
-They call functions of the vendor's C library on the handle of the task that the driver has opened,
-and do what NidaqmxActuator.write and NidaqmxSensor.read do. The context is the record CONTEXT_T of
-channel.py. Signatures: NIDAQmx.h,
+They call functions of the vendor's C library with the handle of the task that the driver has
+opened, and do the same as NidaqmxActuator.write and NidaqmxSensor.read. The context is the record
+CONTEXT_T of channel.py. Signatures, from NIDAQmx.h:
 
     int32 DAQmxWriteAnalogScalarF64(TaskHandle, bool32 autoStart, float64 timeout, float64, bool32*)
     int32 DAQmxReadAnalogScalarF64(TaskHandle, float64 timeout, float64 *value, bool32*)
     int32 DAQmxReadAnalogF64(TaskHandle, int32 samples, float64 timeout, bool32 fillMode,
                              float64 *read, uInt32 room, int32 *samplesRead, bool32*)
 
-with a result below 0 for an error and above 0 for a warning.
+A result below 0 is an error, one above 0 a warning.
 """
 
 import ctypes
@@ -95,7 +95,7 @@ def write(context, now_ns, value):  # type: ignore[no-untyped-def]
 
 @cfunc(SIGNATURE, cache=True)
 def read(context, now_ns, value):  # type: ignore[no-untyped-def]
-    """Put one reading [um] into value[0]; NaN where the input is out of its range."""
+    """Store one reading [um] in value[0]; NaN if the input is out of its range."""
     c = carray(context, (1,), CONTEXT_T)[0]
     shown = carray(value, (1,), types.float64)
     if c.task == 0:
@@ -110,7 +110,7 @@ def read(context, now_ns, value):  # type: ignore[no-untyped-def]
 
 @cfunc(SIGNATURE, cache=True)
 def read_mean(context, now_ns, value):  # type: ignore[no-untyped-def]
-    """Put the mean of several samples [um] into value[0]; NaN where one is out of range."""
+    """Store the mean of several samples [um] in value[0]; NaN if any is out of range."""
     c = carray(context, (1,), CONTEXT_T)[0]
     shown = carray(value, (1,), types.float64)
     if c.task == 0:
@@ -123,12 +123,13 @@ def read_mean(context, now_ns, value):  # type: ignore[no-untyped-def]
 
 
 def actuator(channel: str, context: NDArray[Any]) -> Direct | None:
-    """The output of an open driver; None where the C library or its task is not here."""
+    """Return the output of an open driver; None if the C library or its task is not available
+    here."""
     return _direct(channel, context, write.address, "DAQmxWriteAnalogScalarF64")
 
 
 def sensor(channel: str, context: NDArray[Any]) -> Direct | None:
-    """The input of an open driver; None as in actuator."""
+    """Return the input of an open driver; None as in actuator."""
     if context["count"][0]:
         return _direct(channel, context, read_mean.address, "DAQmxReadAnalogF64")
     return _direct(channel, context, read.address, "DAQmxReadAnalogScalarF64")

@@ -1,9 +1,9 @@
-"""NI-DAQmx: an analog voltage or a strain-gauge bridge in, in micrometres.
+"""NI-DAQmx: an analog voltage or strain-gauge bridge input, in micrometres.
 
-A reading is the mean of `average` samples: those that are taken when it is read, or with
-`sample_hz` the newest of those that the device takes all the time by its own clock. The mean is
-late by half of the time that its samples span, and a delta-sigma module delays every reading by
-its filter's group delay. Both are delays of the sensor, not of the stage.
+A reading is the mean of `average` samples: taken when the reading is requested, or with `sample_hz`
+the newest of those that the device samples continuously by its own clock. The mean is late by half
+the time that its samples span, and a delta-sigma module delays every reading by its filter's group
+delay. Both delays belong to the sensor, not to the stage.
 """
 
 import ctypes
@@ -21,16 +21,16 @@ from dehyst.drivers.nidaqmx.channel import Channel
 from dehyst.drivers.nidaqmx.settings import NidaqmxSensorSettings
 from dehyst.drivers.settings import read_settings
 
-if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
+if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
     from dehyst.drivers.direct_calls import Direct
 
 BATCHES = Batches()
 
 EXPECTED_RATE_HZ = 1000.0
-"""Before the channel has been timed."""
+"""Assumed rate before the channel has been timed."""
 
 BUFFER_S = 1.0
-"""How much of what the clock takes is kept: far more than is read at once, less than memory."""
+"""Length of the sample buffer [s]: far more than one reading, little enough memory."""
 
 
 class NidaqmxSensor(Channel):
@@ -70,7 +70,7 @@ class NidaqmxSensor(Channel):
         return cls(read_settings(cls.settings_type, settings))
 
     def read(self) -> float:
-        """One reading [um]; NaN where a sample is out of range. Raises DeviceTimeout,
+        """Take one reading [um]; NaN if a sample is out of range. Raises DeviceTimeout,
         DeviceGone."""
         task, settings = self._ready(), self.settings
         count, total = int(self._context["count"][0]), 0.0
@@ -89,7 +89,7 @@ class NidaqmxSensor(Channel):
         return (total / len(samples) - settings.zero) * settings.scale
 
     def direct(self) -> "Direct | None":
-        """How compiled code reads; None without the C library."""
+        """Return the C function that reads; None without the C library."""
         from dehyst.drivers.nidaqmx import direct_calls
 
         return direct_calls.sensor(self.channel, self._context)
@@ -140,7 +140,7 @@ class NidaqmxSensor(Channel):
         task.in_stream.over_write = constants.OverwriteMode.OVERWRITE_UNREAD_SAMPLES
 
     def _started(self, task: Any, constants: Any) -> None:
-        """From here on the newest samples are read; before there are so many, none can be."""
+        """Wait for the first `average` samples, then read the newest ones from now on."""
         settings = self.settings
         if settings.sample_hz is None:
             return
@@ -149,11 +149,11 @@ class NidaqmxSensor(Channel):
         task.in_stream.offset = -settings.average
 
     def _prove(self) -> None:
-        """Once: how long a reading takes, as compiled code reads where it can."""
+        """Measure, once, how long a reading takes, with compiled code if possible."""
         if self._timed:
             return
         times, settings = BATCHES.best(self._fastest(), self._clock), self.settings
-        # a reading without a new sample is none
+        # a reading without a new sample does not count
         most_hz = math.inf if settings.sample_hz is None else settings.sample_hz
         who = f"nidaqmx {self.channel}"
         self.spec = BATCHES.with_rate(self.spec, times, settings.max_rate_hz, who, most_hz)

@@ -7,14 +7,14 @@ from msgspec import Meta
 from dehyst.drivers.analog import check_output_range
 from dehyst.drivers.settings import Settings
 
-ON_DEMAND_HZ = 1000.0  # writes, where nobody says what the device takes
+ON_DEMAND_HZ = 1000.0  # assumed write rate unless the device's is given
 TIMEOUT_S = 0.2
 
 Terminals = Literal["default", "rse", "nrse", "diff", "pseudo-diff"]
 
 
 class ClockedSettings(Settings, frozen=True, kw_only=True):
-    """What an output and an input have in common."""
+    """Settings that an output and an input have in common."""
 
     driver = "nidaqmx"
 
@@ -72,7 +72,7 @@ class NidaqmxActuatorSettings(ClockedSettings, frozen=True, kw_only=True):
 
     @property
     def device_range_v(self) -> tuple[float, float]:
-        """Lowest and highest voltage at EXT within min_v to max_v."""
+        """The lowest and highest voltage at EXT for min_v to max_v."""
         low, high = sorted(v / self.gain + self.zero_v for v in (self.min_v, self.max_v))
         return low, high
 
@@ -82,7 +82,7 @@ class NidaqmxActuatorSettings(ClockedSettings, frozen=True, kw_only=True):
         return self.max_rate_hz or self.clock_hz or ON_DEMAND_HZ
 
     def check(self) -> None:
-        """The range must be one that EXT reaches."""
+        """Refuse a range that EXT cannot reach."""
         check_output_range(self, "EXT")
         if not self.min_v <= self.initial_v <= self.max_v:
             raise self.wrong("initial_v", f"from {self.min_v:g} to {self.max_v:g}")
@@ -172,7 +172,7 @@ class NidaqmxSensorSettings(ClockedSettings, frozen=True, kw_only=True):
         return (self.min_v, self.max_v) if self.input == "voltage" else bridge
 
     def check(self) -> None:
-        """A scale of 0 would hide every motion."""
+        """Refuse a scale of 0, which would hide every motion."""
         key = "um_per_v" if self.input == "voltage" else "um_per_v_per_v"
         if getattr(self, key) is None:
             raise self.wrong(key, f'given where input = "{self.input}"')

@@ -1,4 +1,4 @@
-"""Any Python object as an amplifier or a sensor: settings name its methods."""
+"""Any Python object as an amplifier or a sensor: the settings name its methods."""
 
 from dehyst.drivers.python_object.devices import PythonActuator, PythonSensor
 

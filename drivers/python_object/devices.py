@@ -1,9 +1,9 @@
 """Any Python object as a device: one that sets a voltage, one that reads a displacement.
 
-The object is made by a factory that the settings name, and made anew after a fault; methods and
-attributes are named too. Its calls are timed at the start, and a declared rate that they do not
-sustain is an error. Its own time-outs count: a call that never returns stops the loop's process,
-which the supervisor then ends.
+A factory named in the settings makes the object, and makes a new one after a fault; the settings
+also name its methods and attributes. Its calls are timed at the start, and it is an error if they
+cannot sustain the declared rate. It must have its own time-outs: a call that never returns stops
+the loop's process, which the supervisor then ends.
 """
 
 import math
@@ -36,11 +36,12 @@ from dehyst.drivers.settings import read_settings
 BATCHES = Batches()
 
 EXPECTED_S, MOST_HZ = 0.01, 10_000.0
-"""A call before the object has been timed, and what none exceeds, as Python calls it."""
+"""Assumed duration of a call before the object has been timed, and the upper limit of the rate with
+which Python calls it."""
 
 
 class _PythonDevice:
-    """What both kinds do: share the object, call it, time it, know which unit it is."""
+    """Shared parts of both kinds: share the object, call it, time it, identify its unit."""
 
     settings_type: ClassVar[type[PythonSettings]]
     settings: PythonSettings
@@ -70,7 +71,7 @@ class _PythonDevice:
         self._known = unit
 
     def open(self) -> None:
-        """Make the object, or share one that is made; learn who it is, and time its calls. Raises
+        """Make the object, or share one that exists; identify it, and time its calls. Raises
         DriverConfigError, DeviceNotFound, ForeignUnit."""
         if self._object is not None:
             return
@@ -87,12 +88,12 @@ class _PythonDevice:
             raise
 
     def reconnect(self) -> None:
-        """Make the object anew, or share one that was; the output does not move."""
+        """Make a new object, or share one that was made; the output does not move."""
         self.close()
         self.open()
 
     def close(self) -> None:
-        """Use the object no more; an output stays where it is. Safe to call twice."""
+        """Stop using the object; an output stays where it is. Safe to call twice."""
         self._object = None
         self._forget()
         self._shared.release(id(self))
@@ -101,15 +102,15 @@ class _PythonDevice:
         raise TypeError(f"{type(self).__name__} prepares nothing")
 
     def _forget(self) -> None:
-        """What is kept of the object: some objects close by themselves with the last of it."""
+        """Drop all references to the object: some objects close when the last one is dropped."""
         raise TypeError(f"{type(self).__name__} forgets nothing")
 
     def _timed_call(self) -> Callable[[], object] | None:
         raise TypeError(f"{type(self).__name__} times nothing")
 
     def _call(self, call: Callable[..., Any] | None, *arguments: Any) -> Any:
-        """Call the object. Raises DeviceTimeout for a TimeoutError, DeviceGone for whatever else
-        it raises; it is made anew by reconnect() then."""
+        """Call the object. Raises DeviceTimeout for a TimeoutError, DeviceGone for any other
+        exception; reconnect() then makes a new object."""
         if self._object is None or call is None:
             raise DeviceGone(f"python {self.settings.object} is not open")
         try:
@@ -117,7 +118,7 @@ class _PythonDevice:
                 return call(*arguments)
         except DriverError:
             raise
-        except Exception as error:  # whatever somebody else's code raises
+        except Exception as error:  # whatever other people's code raises
             self._shared.drop(self._object)
             self.close()
             kind = DeviceTimeout if isinstance(error, TimeoutError) else DeviceGone
@@ -139,7 +140,7 @@ class _PythonDevice:
         )
 
     def _time(self) -> None:
-        """Once: a reconnect must not take longer than it has to."""
+        """Time the calls, only once: a reconnect must not take longer than necessary."""
         call = self._timed_call()
         if self._timed or call is None:
             return
@@ -183,7 +184,8 @@ class PythonActuator(_PythonDevice):
         self._set_v = volts
 
     def output(self) -> float:
-        """The last written voltage, or what the object gave, or initial_v; NaN: not known."""
+        """Return the last written voltage, or what the object reported, or initial_v; NaN if
+        unknown."""
         return self._set_v
 
     def _prepare(self, made: Any) -> None:
@@ -232,7 +234,7 @@ class PythonSensor(_PythonDevice):
         )
 
     def read(self) -> float:
-        """One reading [um]; NaN where it is out of range. Raises DeviceTimeout, DeviceGone,
+        """Take one reading [um]; NaN if it is out of range. Raises DeviceTimeout, DeviceGone,
         ProtocolError."""
         settings = self.settings
         value = one_number_of(self._call(self._get), settings.read)

@@ -1,4 +1,5 @@
-"""A method or an attribute of an object, by its name: called, set or read in one way."""
+"""A method or an attribute of an object, found by its name, with one interface to write or read
+it."""
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
@@ -8,9 +9,10 @@ from dehyst.drivers.interface import DriverConfigError, ProtocolError
 
 
 def setter(owner: Any, name: str, arguments: Sequence[Any]) -> Callable[[float], None]:
-    """How a number is written: `owner.name(*arguments, number)`, or `owner.name = number`.
+    """Return a function that writes a number: `owner.name(*arguments, number)` or `owner.name =
+    number`.
 
-    Raises DriverConfigError where there is nothing of this name.
+    Raises DriverConfigError if nothing has this name.
     """
     holder, last = _find(owner, name)
     if not _is_attribute(holder, last):
@@ -22,7 +24,8 @@ def setter(owner: Any, name: str, arguments: Sequence[Any]) -> Callable[[float],
 
 
 def getter(owner: Any, name: str, arguments: Sequence[Any]) -> Callable[[], Any]:
-    """How a value is read: `owner.name(*arguments)`, or `owner.name`. Raises as `setter`."""
+    """Return a function that reads a value: `owner.name(*arguments)` or `owner.name`. Raises as
+    `setter`."""
     holder, last = _find(owner, name)
     if not _is_attribute(holder, last):
         method = _method(holder, last, name)
@@ -33,7 +36,7 @@ def getter(owner: Any, name: str, arguments: Sequence[Any]) -> Callable[[], Any]
 
 
 def one_number_of(value: Any, name: str) -> float:
-    """The number, or the one number in a list, an array or a table by axes; NaN stays NaN.
+    """Return the number, or the only number in a list, an array or a table by axes; NaN stays NaN.
 
     Raises ProtocolError for anything else.
     """
@@ -46,13 +49,13 @@ def one_number_of(value: Any, name: str) -> float:
         found = found[0]
     if isinstance(found, bool) or not isinstance(found, int | float):
         if inspect.iscoroutine(found):
-            found.close()  # it would be reported as never awaited
+            found.close()  # otherwise it would be reported as never awaited
         raise ProtocolError(f"python: {name} returned {value!r:.80}, which is not one number")
     return float(found)
 
 
 def _find(owner: Any, name: str) -> tuple[Any, str]:
-    """The object that holds the last part of a dotted name."""
+    """Return the object that holds the last part of a dotted name, and that part."""
     *path, last = name.split(".")
     for part in path:
         owner = getattr(owner, part, None)
@@ -62,7 +65,8 @@ def _find(owner: Any, name: str) -> tuple[Any, str]:
 
 
 def _is_attribute(holder: Any, last: str) -> bool:
-    """Whether it is set and read: a property is not read to find out, that may ask the unit."""
+    """Return whether it is set and read, not called. A property is not read to find this out,
+    because that may query the unit."""
     of_type = inspect.getattr_static(type(holder), last, None)
     if of_type is not None and inspect.isdatadescriptor(of_type):
         return True
@@ -79,7 +83,8 @@ def _method(holder: Any, last: str, name: str) -> Callable[..., Any]:
 
 
 def _no_coroutine(result: Any, name: str) -> None:
-    """A call whose work has not begun would be a write that never happens."""
+    """Raise ProtocolError for a coroutine: its work has not begun, so the write would never
+    happen."""
     if inspect.iscoroutine(result):
         result.close()
         raise ProtocolError(

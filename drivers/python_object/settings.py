@@ -1,4 +1,4 @@
-"""The settings of Python objects as devices."""
+"""The settings of Python objects that are used as devices."""
 
 from typing import Annotated, Any
 
@@ -10,7 +10,7 @@ Fixed = tuple[str | int | float, ...]
 
 
 class PythonSettings(Settings, frozen=True, kw_only=True):
-    """What both kinds of device take."""
+    """Settings of both kinds of device."""
 
     driver = "python"
 
@@ -29,7 +29,7 @@ class PythonSettings(Settings, frozen=True, kw_only=True):
     ) = None
 
     def check(self) -> None:
-        """The object is named as a module and what it contains."""
+        """Require the object's name in the form of a module and a name in it."""
         module, colon, factory = self.object.partition(":")
         names = [*module.split("."), *factory.split(".")]
         if not colon or not all(name.isidentifier() for name in names):
@@ -58,7 +58,7 @@ class PythonActuatorSettings(PythonSettings, frozen=True, kw_only=True):
     ) = None
 
     def check(self) -> None:
-        """There must be a range, a known output, and a known rate."""
+        """Require a range, a known output, and a known rate."""
         super().check()
         if not self.min_v < self.max_v:
             raise self.wrong("min_v", f"below max_v = {self.max_v:g}")
@@ -91,7 +91,7 @@ class PythonSensorSettings(PythonSettings, frozen=True, kw_only=True):
     step_um: Annotated[float, Meta(ge=0, description="step of a reading")] = 0.0
 
     def check(self) -> None:
-        """There must be a range and a scale."""
+        """Require a range and a scale."""
         super().check()
         if self.um_per_unit == 0:
             raise self.wrong("um_per_unit", "a number other than 0")

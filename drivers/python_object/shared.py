@@ -1,4 +1,4 @@
-"""Objects that are made from settings: an amplifier and a sensor of one object share it."""
+"""Objects made from settings; an amplifier and a sensor on one object share it."""
 
 import importlib
 import sys
@@ -12,15 +12,16 @@ from dehyst.drivers.shared import Shared, shared_by
 
 
 def object_of(settings: PythonSettings) -> Shared:
-    """The same one for all devices that name the same object with the same arguments. Connecting
-    raises DriverConfigError for a wrong name, DeviceNotFound for whatever the factory raises."""
+    """Return the Shared of all devices that name the same object with the same arguments.
+    Connecting raises DriverConfigError for a wrong name, DeviceNotFound for whatever the factory
+    raises."""
     key = repr(("python", settings.object, sorted(settings.arguments.items()), settings.folder))
 
     def make() -> Any:
         factory = find_factory(settings)
         try:
             made = factory(**settings.arguments)
-        except Exception as error:  # whatever somebody else's code raises
+        except Exception as error:  # whatever other people's code raises
             raise DeviceNotFound(f"python {settings.object}: {describe_error(error)}") from None
         if made is None:
             raise DriverConfigError(f"python: {settings.object} returned no object")
@@ -28,14 +29,14 @@ def object_of(settings: PythonSettings) -> Shared:
 
     def release(made: Any) -> None:
         if settings.close:
-            with suppress(Exception):  # the unit may have gone; there is nothing left to release
+            with suppress(Exception):  # the unit may have gone; nothing is left to release
                 getattr(made, settings.close)()
 
     return shared_by(key, make, release)
 
 
 def find_factory(settings: PythonSettings) -> Callable[..., Any]:
-    """What makes the object. Raises DriverConfigError."""
+    """Return the function that makes the object. Raises DriverConfigError."""
     module, _, name = settings.object.partition(":")
     if settings.folder and settings.folder not in sys.path:
         sys.path.append(settings.folder)
@@ -43,7 +44,7 @@ def find_factory(settings: PythonSettings) -> Callable[..., Any]:
         found: Any = importlib.import_module(module)
         for part in name.split("."):
             found = getattr(found, part)
-    except Exception as error:  # an import runs somebody else's code
+    except Exception as error:  # an import runs other people's code
         raise DriverConfigError(
             f"python: object = {settings.object!r} cannot be imported: {describe_error(error)}; "
             "install its package next to dehyst, or give its folder with the setting folder"
@@ -54,5 +55,5 @@ def find_factory(settings: PythonSettings) -> Callable[..., Any]:
 
 
 def describe_error(error: Exception) -> str:
-    """An error of somebody else's code in one line."""
+    """Return an error of other people's code as one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}".rstrip(": ")

@@ -87,7 +87,7 @@ def electrical(
     if tau == 0.0:
         s.drive_v = s.source_v
         return
-    if ramp_s > 0.0:  # the capacitor follows a ramp tau late, then relaxes towards the end of it
+    if ramp_s > 0.0:  # the capacitor follows a ramp tau late, then relaxes to its end value
         late = move / ramp_s * tau
         s.drive_v = s.source_v - late + (s.drive_v - start + late) * math.exp(-ramp_s / tau)
         rc_decay = math.exp(-(h - ramp_s) / tau)

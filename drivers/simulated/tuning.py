@@ -16,7 +16,7 @@ class Tuning(NamedTuple):
     settled: float = 1e-10  # share of full scale within which the capacitor counts as charged
     still: float = 1e-6  # share of the stroke below which the mode counts as at rest
     together_s: float = 2.5e-4  # for coupled axes, while one moves
-    rate_tau_s: float = 0.005  # the walls' inertia: how fast rate dependence follows the rate
+    rate_tau_s: float = 0.005  # inertia of the domain walls, which rate dependence follows
 
 
 TUNING = Tuning()
