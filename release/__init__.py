@@ -1,1 +1,1 @@
-"""Builds and checks what a release consists of: `make release`."""
+"""Builds and checks the parts of a release: `make release`."""

@@ -1,12 +1,12 @@
-"""A release from this tree, built and checked.
+"""Build and check a release from this tree.
 
     python -m release [--publish] [--without-demo]
 
 writes into dist/: the source distribution and the wheel; constraints-service.txt and
 constraints-image.txt, every dependency with its hashes; an SBOM (CycloneDX) of the service's
-environment; on Debian a package of the service; SHA256SUMS. Checked: the metadata (twine), the
+environment; on Debian a package of the service; SHA256SUMS. It checks the metadata (twine), the
 hashes, an installation in a fresh environment, and `dehyst demo --first-act` in it. With --publish
-nothing is built from a tree that names no public home.
+nothing is built from a tree that has no public home.
 """
 
 import shutil
@@ -33,12 +33,12 @@ from release.steps import (
 
 HOW = "docs/releases.md#publish"
 TOO_BUSY = 77
-"""Exit status of a demonstration that a busy machine kept from judging."""
+"""Exit status of a demonstration that could not be judged because the machine was busy."""
 
 
 def demonstrate(own: Path, folder: Path) -> int:
-    """The first act, with the environment of this Python: 0, or TOO_BUSY. Raises ReleaseError where
-    the stage is not compensated."""
+    """Run the demo's first act with the environment of this Python. Returns 0, or TOO_BUSY. Raises
+    ReleaseError if the stage is not compensated."""
     folder.mkdir()
     try:
         said = call(own, "-m", "dehyst.daemon.main", "demo", "--first-act", cwd=folder)
@@ -52,7 +52,7 @@ def demonstrate(own: Path, folder: Path) -> int:
 
 
 def release(dist: Path, work: Path, with_demo: bool) -> int:
-    """All steps in order; each says what it has made. 0, or TOO_BUSY."""
+    """Run all steps in order; each prints what it has made. Returns 0, or TOO_BUSY."""
     shutil.rmtree(dist, ignore_errors=True)
     dist.mkdir()
     for name in lock():
@@ -79,7 +79,8 @@ def release(dist: Path, work: Path, with_demo: bool) -> int:
 
 
 def main(arguments: list[str]) -> int:
-    """0: it is in dist/; 77: so it is, but the demonstration was not judged; 1: why not."""
+    """Return 0 if the release is in dist/; 77 if it is, but the demonstration was not judged; 1 if
+    it failed, with the reason printed."""
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     missing = "; ".join(lacking(PROJECT, changes))
     if missing and "--publish" in arguments:

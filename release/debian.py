@@ -1,7 +1,8 @@
 """The Debian package of the service: an environment in /opt/dehyst, units, user, udev rule, /etc.
 
-It holds every dependency, so that its installation needs no network. systemd's own tools make the
-user and the folders; nothing is enabled or started, because a stage needs its configuration first.
+It contains every dependency, so that its installation needs no network. systemd's own tools create
+the user and the folders; nothing is enabled or started, because a stage needs its configuration
+first.
 """
 
 import gzip
@@ -28,11 +29,12 @@ Installed-Size: {kilobytes}
  drives the amplifier, and publishes what the stage did.
 """
 COMPRESSION = ("-Zzstd", "-z3")
-"""Understood by dpkg of Debian 12 and Ubuntu 22.04 on; ten times faster than xz, a fifth larger."""
+"""Supported by dpkg from Debian 12 and Ubuntu 22.04 on; ten times faster than xz, a fifth
+larger."""
 
 
 def interpreter() -> str:
-    """The system's Python, which the package will depend on; "" where none can be packed for."""
+    """Return the system's Python, on which the package will depend; "" if none is suitable."""
     found = Path("/usr/bin/python3").resolve()
     if shutil.which("dpkg-deb") is None or not found.name.startswith("python3."):
         return ""
@@ -40,7 +42,8 @@ def interpreter() -> str:
 
 
 def package(root: Path, own: Path, dist: Path) -> Path:
-    """The package from an environment in root/opt/dehyst, whose Python is `own`; its file."""
+    """Build the package from an environment in root/opt/dehyst, whose Python is `own`; return its
+    file."""
     version = call(own, "-c", "import sys; print('%d.%d' % sys.version_info[:2])").strip()
     _fill(root, own)
     _move_to_opt(root, own)
@@ -65,7 +68,7 @@ def package(root: Path, own: Path, dist: Path) -> Path:
 
 
 def _fill(root: Path, own: Path) -> None:
-    """Everything beside the environment."""
+    """Add everything except the environment."""
     units = ROOT / "systemd"
     places = {
         "usr/lib/systemd/system": sorted(units.glob("*.service")),
@@ -94,7 +97,7 @@ def _fill(root: Path, own: Path) -> None:
 
 
 def _move_to_opt(root: Path, own: Path) -> None:
-    """Scripts and byte code name the place where the environment will be."""
+    """Replace the build path in scripts and byte code by the path where the environment will be."""
     here = str(root / "opt" / "dehyst")
     for path in (*(root / "opt/dehyst/bin").iterdir(), root / "opt/dehyst/pyvenv.cfg"):
         if not path.is_symlink() and path.is_file():

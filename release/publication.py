@@ -1,8 +1,8 @@
-"""Whether this tree names a public home. One file has all of its addresses: pyproject.toml.
+"""Check whether this tree has a public home. One file has all of its addresses: pyproject.toml.
 
 The metadata of the package and of the Debian package take them from there, and CONTRIBUTING.md and
-SECURITY.md send their readers to that metadata. A release without them is complete for whoever
-builds it, but nobody else could report a weakness of it.
+SECURITY.md refer their readers to that metadata. A release without them is complete for whoever
+builds it, but nobody else could report a vulnerability in it.
 """
 
 import re
@@ -10,18 +10,18 @@ from collections.abc import Mapping
 from typing import Any
 
 URLS = ("Homepage", "Source", "Issues", "Security")
-"""Required in [project.urls]; Security: where a weakness is reported in private."""
+"""Required in [project.urls]; Security: where a vulnerability is reported in private."""
 RESERVED = re.compile(
     r"(^|[/@.])(example\.(com|net|org)|localhost|[\w-]+\.(example|invalid|test|localhost))([:/]|$)"
 )
-"""Names that belong to nobody (RFC 2606 and 6761)."""
+"""Names reserved for documentation and tests (RFC 2606 and 6761)."""
 BUILDER = "The dehyst authors <root@localhost>"
-"""Maintainer of a package that was built for this machine alone: its administrator."""
+"""Maintainer of a package built only for this machine: its administrator."""
 
 
 def lacking(project: Mapping[str, Any], changes: str) -> list[str]:
-    """What [project] of pyproject.toml and CHANGELOG.md (changes: its text) lack for a publication,
-    a line each."""
+    """Return what [project] of pyproject.toml and CHANGELOG.md (changes: its text) lack for a
+    publication, one line each."""
     urls = project.get("urls", {})
     found = [_judge(f"[project.urls] {name}", urls.get(name, ""), "https://") for name in URLS]
     people = project.get("maintainers", [])
@@ -33,7 +33,7 @@ def lacking(project: Mapping[str, Any], changes: str) -> list[str]:
 
 
 def _judge(key: str, address: str, begins: str) -> str:
-    """ "" where the address may be published, else what is wrong with it."""
+    """Return "" if the address may be published, else what is wrong with it."""
     if not address:
         return f"{key}: is missing"
     if not address.startswith(begins):  # package indexes refuse mailto:
@@ -44,7 +44,7 @@ def _judge(key: str, address: str, begins: str) -> str:
 
 
 def maintainer(project: Mapping[str, Any]) -> str:
-    """The first of [project] maintainers as `name <email>`; BUILDER where there is none."""
+    """Return the first of [project] maintainers as `name <email>`; BUILDER if there is none."""
     for one in project.get("maintainers", []):
         return f"{one['name']} <{one['email']}>"
     return BUILDER

@@ -1,4 +1,4 @@
-"""The pieces of a release: distributions, locked dependencies, environment, bill of materials."""
+"""The parts of a release: distributions, locked dependencies, environment, bill of materials."""
 
 import hashlib
 import os
@@ -13,14 +13,14 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 VERSION: str = PROJECT["version"]
 SERVICE, IMAGE = ROOT / "release/constraints-service.txt", ROOT / "release/constraints-image.txt"
 SERVICE_EXTRAS = ("epics",)
-"""What the units in systemd/ need beyond the dependencies."""
+"""Extras that the units in systemd/ need in addition to the dependencies."""
 IMAGE_PYTHON = "3.12"
-"""That of Containerfile."""
+"""The Python version of Containerfile."""
 
 
 class ReleaseError(Exception):
-    """A step did not go well; its words are the last lines of what it printed. code: the exit
-    status of the command that failed."""
+    """A step failed; the message is the last lines of its output. code: the exit status of the
+    command that failed."""
 
     def __init__(self, words: str, code: int = 1) -> None:
         super().__init__(words)
@@ -28,7 +28,7 @@ class ReleaseError(Exception):
 
 
 def call(*command: str | Path, cwd: Path = ROOT, seconds: float = 900.0, **env: str) -> str:
-    """Run a command; what it printed. Raises ReleaseError where it fails."""
+    """Run a command and return its output. Raises ReleaseError if it fails."""
     words = [str(word) for word in command]
     own = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     done = subprocess.run(
@@ -47,8 +47,8 @@ def python(*arguments: str | Path, **env: str) -> str:
 
 
 def build(dist: Path, work: Path) -> tuple[Path, Path]:
-    """The source distribution and the wheel, which is built from it; out of a copy of the tree,
-    because a build leaves things behind."""
+    """Build the source distribution, and the wheel from it, in a copy of the tree, because a build
+    leaves files behind."""
     tree = work / "tree"
     unwanted = shutil.ignore_patterns(".*", "build", "dist", "out", "tests", "*.egg-info")
     shutil.copytree(ROOT, tree, symlinks=True, ignore=unwanted)
@@ -59,9 +59,10 @@ def build(dist: Path, work: Path) -> tuple[Path, Path]:
 
 
 def lock() -> list[str]:
-    """Pin every dependency with the hashes of its files; names of the lists that changed.
+    """Pin every dependency with the hashes of its files; return the names of the lists that
+    changed.
 
-    A version that is pinned already stays while pyproject.toml takes it; to take the newest,
+    A version that is already pinned is kept while pyproject.toml allows it; to get the newest,
     delete the list first.
     """
     before = {path: path.read_text() if path.exists() else "" for path in (SERVICE, IMAGE)}
@@ -74,15 +75,15 @@ def lock() -> list[str]:
     ):
         python(
             *("-m", "uv", "pip", "compile", "pyproject.toml", "--generate-hashes", "--no-config"),
-            "--native-tls",  # the system's certificates, as pip takes them
+            "--native-tls",  # the system's certificates, as pip uses them
             *("--quiet", "--no-header", "--no-annotate", "--output-file", path, *words),
         )
     return [path.name for path, text in before.items() if path.read_text() != text]
 
 
 def install(interpreter: str, place: Path, wheel: Path) -> Path:
-    """A new environment with this wheel and the locked dependencies, each of which has one of the
-    hashes in the list; its Python."""
+    """Make a new environment with this wheel and the locked dependencies, each of which has one of
+    the hashes in the list; return its Python."""
     call(interpreter, "-m", "venv", "--without-pip", place)
     own = place / "bin" / "python3"
     pip = ("-m", "pip", "--python", own, "install", "--quiet", "--no-compile", "--no-input")
@@ -92,7 +93,7 @@ def install(interpreter: str, place: Path, wheel: Path) -> Path:
 
 
 def bill_of_materials(own: Path, path: Path) -> None:
-    """What this environment holds, as CycloneDX."""
+    """Write the contents of this environment, as CycloneDX."""
     python(
         *("-m", "cyclonedx_py", "environment", "--pyproject", "pyproject.toml"),
         *("--output-format", "JSON", "--output-reproducible", "--output-file", path, own),
@@ -100,7 +101,7 @@ def bill_of_materials(own: Path, path: Path) -> None:
 
 
 def sums(dist: Path) -> None:
-    """SHA256SUMS of everything in the folder, as `sha256sum --check` reads it."""
+    """Write SHA256SUMS of everything in the folder, in the format of `sha256sum --check`."""
     lines = [
         f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n"
         for path in sorted(dist.iterdir())
