@@ -118,7 +118,7 @@ class IioActuator:
                 f"{settings.max_v:g} V allowed; bring it into that range by hand, or change the "
                 "limits"
             )
-        if not abs(stands_v - c["output_v"]) <= half_v * (1 + HAIR):  # not the last write's count
+        if not abs(stands_v - c["output_v"]) <= half_v * (1 + HAIR):  # off by more than a count
             c["output_v"] = min(max(stands_v, settings.min_v), settings.max_v)
 
     def _exact_counts(self, volts: float) -> float:

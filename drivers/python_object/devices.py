@@ -201,7 +201,7 @@ class PythonActuator(_PythonDevice):
                 f"{settings.min_v:g} to {settings.max_v:g} V allowed; bring it into that range by "
                 "hand, or change the limits"
             )
-        if not abs(stands_v - self._set_v) <= settings.step_v:  # not the last write's step
+        if not abs(stands_v - self._set_v) <= settings.step_v:  # off by more than the last step
             self._set_v = stands_v
 
     def _forget(self) -> None:
