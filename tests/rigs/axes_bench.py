@@ -1,4 +1,4 @@
-"""A controller of several axes for tests: its loop and its gateway, a process each."""
+"""A controller of several axes for tests: its loop and its gateway, each in a process."""
 
 import signal
 import socket
@@ -39,7 +39,7 @@ sensor = {{driver = "simulated", settings = {{stage = "{axis}"}}}}
 
 
 class AxisRings(Core):
-    """One axis of the loop's process, by its rings."""
+    """One axis of the loop's process, accessed through its rings."""
 
     def __init__(self, config: Config, process: subprocess.Popen[bytes]) -> None:
         self.config, self.process = config, process
@@ -63,7 +63,7 @@ class AxesBench:
         self.loops = {c.axis: AxisRings(c, self.core) for c in self.controller.axes}
 
     def start_gateway(self) -> None:
-        """Start it, and wait until it listens and the loops run."""
+        """Start the gateway; wait until it listens and the loops run."""
         command = [sys.executable, "-m", "dehyst.daemon.main", "gateway", "--config"]
         self.gateway = subprocess.Popen([*command, str(self.path)], env=environment())
         wait_until("the gateway listens", self._listens)
@@ -75,14 +75,14 @@ class AxesBench:
             return probe.connect_ex(("127.0.0.1", self.port)) == 0
 
     def client(self, axis: str, label: str = "", credentials: str = "") -> Client:
-        """A client of one axis; closed with the bench."""
+        """Return a client of one axis; it is closed with the bench."""
         client = Client(f"stage-1-{axis}", self.address, "dehyst", label, credentials)
         self.open.append(client)
         wait_until("the gateway has seen the loop", lambda: follows(client))
         return client
 
     def group(self, axes: str | None = None, label: str = "", credentials: str = "") -> Group:
-        """A group of these axes; closed with the bench."""
+        """Return a group of these axes; it is closed with the bench."""
         names = None if axes is None else list(axes)
         group = Group("stage-1", names, self.address, "dehyst", label, credentials)
         self.open.append(group)
@@ -91,7 +91,7 @@ class AxesBench:
         return group
 
     def kill_gateway(self, number: int = signal.SIGKILL) -> None:
-        """End it with a signal."""
+        """End the gateway with a signal."""
         assert self.gateway is not None
         self.gateway.send_signal(number)
         self.gateway.wait(10.0)

@@ -1,4 +1,4 @@
-"""What a log may be written to that takes nothing: descriptors for a process' stdout and stderr."""
+"""Log destinations that accept nothing: descriptors for a process' stdout and stderr."""
 
 import fcntl
 import os
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 Spoil = Callable[[], None]
-"""Called when the daemon runs: from then on nothing can be written."""
+"""Called while the daemon runs: after that nothing can be written."""
 
 
 def _filled(file: int) -> None:
@@ -23,7 +23,7 @@ def _filled(file: int) -> None:
 
 @contextmanager
 def full_pipe(folder: Path) -> Iterator[tuple[int, Spoil]]:
-    """A pipe that nobody empties."""
+    """A pipe that nobody reads."""
     read, write = os.pipe()
     fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
     try:
@@ -35,7 +35,7 @@ def full_pipe(folder: Path) -> Iterator[tuple[int, Spoil]]:
 
 @contextmanager
 def closed_pipe(folder: Path) -> Iterator[tuple[int, Spoil]]:
-    """A pipe whose reader goes away."""
+    """A pipe whose reader closes it."""
     read, write = os.pipe()
     try:
         yield write, lambda: os.close(read)
@@ -45,7 +45,7 @@ def closed_pipe(folder: Path) -> Iterator[tuple[int, Spoil]]:
 
 @contextmanager
 def slow_pipe(folder: Path) -> Iterator[tuple[int, Spoil]]:
-    """A reader that takes some bytes a second."""
+    """A pipe whose reader takes a few bytes per second."""
     read, write = os.pipe()
     fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
     slow = "import os, time\nwhile os.read(0, 16): time.sleep(0.5)"
@@ -72,7 +72,7 @@ def stopped_terminal(folder: Path) -> Iterator[tuple[int, Spoil]]:
 
 @contextmanager
 def lost_terminal(folder: Path) -> Iterator[tuple[int, Spoil]]:
-    """A terminal that has gone."""
+    """A terminal that has disappeared."""
     master, slave = os.openpty()
     try:
         yield slave, lambda: os.close(master)
@@ -92,7 +92,7 @@ def no_room(folder: Path) -> Iterator[tuple[int, Spoil]]:
 
 @contextmanager
 def full_disk(folder: Path) -> Iterator[tuple[int, Spoil]]:
-    """A file on a small disk that is full. Raises PermissionError where none can be mounted."""
+    """A file on a small disk that is full. Raises PermissionError if none can be mounted."""
     disk = folder / "disk"
     disk.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "none", str(disk)]

@@ -1,4 +1,5 @@
-"""A real Chromium by its driver (Debian: chromium, chromium-driver). Nothing is downloaded."""
+"""A real Chromium, controlled through its driver (Debian: chromium, chromium-driver). Nothing is
+downloaded."""
 
 import json
 import shutil
@@ -16,7 +17,8 @@ needs_chromium = pytest.mark.skipif(
 PATIENCE_S = 90.0
 OPTIONS = (
     *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"),
-    # it looks for updates and accounts at every start, which a closed network refuses for minutes
+    # it looks for updates and accounts at every start, which takes minutes to fail on a closed
+    # network
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
     *("--disable-quic", "--no-first-run"),
 )
@@ -38,29 +40,29 @@ class Chromium:
         self.chrome = Chrome(options=options, service=Driver(DRIVER))
 
     def ask(self, script: str) -> Any:
-        """The value of a JavaScript expression."""
+        """Return the value of a JavaScript expression."""
         return self.chrome.execute_script(f"return {script}")
 
     def text(self, element: str) -> str:
-        """What stands in an element."""
+        """Return the text of an element."""
         return str(self.ask(f"document.getElementById({json.dumps(element)}).textContent"))
 
     def write(self, element: str, text: str) -> None:
-        """Into a field, as a person does."""
+        """Type text into a field, as a person does."""
         field = self.chrome.find_element("id", element)
         field.clear()
         field.send_keys(text)
 
     def click(self, element: str) -> None:
-        """As a person does."""
+        """Click an element, as a person does."""
         self.chrome.find_element("id", element).click()
 
     def until(self, what: str, check: Callable[[], Any]) -> Any:
-        """Look until it is true; its value."""
+        """Poll until the check is true; return its value."""
         return until(check, PATIENCE_S, what)
 
     def complaints(self) -> list[str]:
-        """What the browser's console holds against the page."""
+        """Return the errors that the page caused in the browser's console."""
         return [str(line["message"]) for line in self.chrome.get_log("browser")]
 
     def close(self) -> None:

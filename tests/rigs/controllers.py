@@ -1,13 +1,13 @@
-"""Many controllers and many subscribers through one router: what is lost, and what it costs.
+"""Many controllers and many subscribers on one router: what is lost, and the cost.
 
-A router (docs/examples/router.py with docs/examples/router.json5), `dehyst run` for each
+It runs a router (docs/examples/router.py with docs/examples/router.json5), `dehyst run` for each
 controller (simulated stage, compiled loop; core, gateway and supervisor are processes), and
-subscribers in a few processes, a session each: most hear all topics of one controller, every tenth
-hears all controllers. One more client gives every controller set-points in turn.
+subscribers in a few processes, each with a session: most receive all topics of one controller,
+every tenth receives all controllers. Another client sends every controller set-points in turn.
 
 Counted, on the wire and without the history that could fill a gap: telemetry samples by their
-sequence numbers; statuses and events that one subscriber of a controller heard and another did
-not; set-points put against those that the gateways count; questions that were not answered.
+sequence numbers; statuses and events that one subscriber of a controller received and another did
+not; set-points put compared with those that the gateways count; queries that were not answered.
 """
 
 import math
@@ -39,9 +39,9 @@ from dehyst.daemon.files.models import save_model
 from dehyst.daemon.loop.timing import realtime
 
 EXAMPLES = ROOT / "docs" / "examples"
-EVERYTHING = 10  # every tenth subscriber hears all controllers
-SESSIONS = 17  # a process
-LATEST_S = 3.0  # what one subscriber heard before the end may come to the others so much later
+EVERYTHING = 10  # every tenth subscriber receives all controllers
+SESSIONS = 17  # per process
+LATEST_S = 3.0  # how much later than the first subscriber the others may receive a message
 START_S = 600.0
 CONFIG = """
 name = "{name}"
@@ -58,7 +58,7 @@ bus = {{listen = [], connect = ["{address}"]}}
 
 @dataclass
 class Heard:
-    """One subscriber's account of one controller."""
+    """What one subscriber received from one controller."""
 
     subscriber: int
     samples: int = 0
@@ -68,7 +68,7 @@ class Heard:
     bad: int = 0
     ages_ms: list[float] = field(default_factory=list)
     reported: dict[tuple[str, int], int] = field(default_factory=dict)
-    """When each status (by the samples published before it) and event (by its time) came."""
+    """Arrival time of each status (by the samples published before it) and event (by its time)."""
 
     def take(self, arrived_ns: int, subject: str, payload: bytes) -> None:
         """Count one message."""
@@ -96,7 +96,7 @@ class Heard:
 
 
 def subscribers(address: str, hears: dict[int, str], begin: Any, stop: Any, results: Any) -> None:
-    """A process with several sessions. hears: subscriber's number: controller's name or "*"."""
+    """A process with several sessions. hears: subscriber's number -> controller's name or "*"."""
     realtime.die_with_parent(signal.SIGKILL)
     waiting: deque[tuple[int, int, str, bytes]] = deque()
     heard: dict[tuple[int, str], Heard] = {}
@@ -129,12 +129,12 @@ def subscribers(address: str, hears: dict[int, str], begin: Any, stop: Any, resu
 
 
 def children(pid: int) -> list[int]:
-    """Processes that this one has started."""
+    """Return the processes that this one has started."""
     return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 def cpu_s(pids: Iterable[int]) -> float:
-    """User and system time."""
+    """Return user and system time."""
     total = 0
     for pid in pids:
         fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
@@ -143,7 +143,7 @@ def cpu_s(pids: Iterable[int]) -> float:
 
 
 def memory_mb(pids: Iterable[int]) -> float:
-    """Proportional set size."""
+    """Return the proportional set size."""
     total = 0
     for pid in pids:
         for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
@@ -163,7 +163,7 @@ class Counted(Client):
 
 
 class Mover:
-    """Gives every controller set-points in turn, some asked and some put, and counts."""
+    """Sends every controller set-points in turn, some asked and some put, and counts them."""
 
     def __init__(self, address: str, names: list[str]) -> None:
         self.clients = [Counted(name, address, label="mover") for name in names]
@@ -174,7 +174,7 @@ class Mover:
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def start(self) -> None:
-        """Begin to move."""
+        """Start moving."""
         for client in self.clients:
             client.acquire()
             self._before[client.name] = client.status().gateway.commands - client.asked
@@ -200,7 +200,7 @@ class Mover:
             self._stop.wait(max(0.0, 0.2 - (time.monotonic() - begun)))
 
     def end(self) -> int:
-        """How many set-points did not arrive."""
+        """Stop; return how many set-points did not arrive."""
         self._stop.set()
         self._thread.join(10.0)
         time.sleep(0.3)
@@ -215,23 +215,23 @@ class Mover:
 
 @dataclass
 class Result:
-    """What one run found."""
+    """The result of one run."""
 
     samples: int
-    """Expected at the subscribers, all together."""
+    """Number expected by all subscribers together."""
     lost: int
     reported: int
-    """Statuses and events, each as often as it should have been heard."""
+    """Number of statuses and events expected by all subscribers together."""
     untold: int
-    """Those that somebody missed."""
+    """Number of those that a subscriber missed."""
     put: int
     asked: int
     lost_commands: int
     unanswered: int
     overwritten: int
-    """Samples that a gateway found overwritten in the ring."""
+    """Number of samples that a gateway found overwritten in the ring."""
     missed: int
-    """Deadlines of all loops."""
+    """Deadlines missed by all loops."""
     bad: int
     age_ms: tuple[float, float, float]
     cpu: dict[str, float]
@@ -241,7 +241,7 @@ class Result:
 
 
 def end_with_us() -> None:
-    """For a child: it ends when this process does, however that ends."""
+    """Make a child process end when this process does, however that ends."""
     realtime.die_with_parent(signal.SIGTERM)
 
 
@@ -263,7 +263,7 @@ class Lab:
         with Bus.connect([address], timeout_s=20.0) as bus:
             for i, name in enumerate(self.names):
                 self._start(name, rate, batch_s)
-                self._wait(bus, i)  # no more than three at a time start: numba takes its time
+                self._wait(bus, i)  # at most three start at the same time: numba needs time
             self._wait(bus, count + 2)
         self.start_s = time.monotonic() - begun
 
@@ -286,7 +286,7 @@ class Lab:
             )  # fmt: skip
 
     def _wait(self, bus: Bus, started: int) -> None:
-        """Until all but two of these controllers run."""
+        """Wait until all but two of the started controllers run."""
         end = time.monotonic() + START_S
         while True:
             there = daemons(bus)
@@ -304,7 +304,7 @@ class Lab:
         return encoding.decode(Status, answer).core_alive
 
     def parts(self) -> dict[str, list[int]]:
-        """Processes by what they do."""
+        """Return the processes by function."""
         found: dict[str, list[int]] = defaultdict(list)
         found["router"] = [self.router.pid]
         for process in self.daemons:
@@ -327,9 +327,9 @@ class Lab:
 def run(
     count: int, listeners: int, seconds: float, rate: float = 50.0, batch_s: float = 0.05
 ) -> Result:
-    """One run: controllers, subscribers, duration, loop rate [Hz], length of a batch.
+    """Do one run: controllers, subscribers, duration, loop rate [Hz], length of a batch.
 
-    Raises TimeoutError where the daemons do not come up.
+    Raises TimeoutError if the daemons do not come up.
     """
     context = multiprocessing.get_context("spawn")
     begin, stop, results = context.Event(), context.Event(), context.Queue()
@@ -386,7 +386,7 @@ def run(
 
 
 def last_word(address: str, name: str) -> Status:
-    """A controller's status."""
+    """Return a controller's status."""
     with Client(name, address) as client:
         return client.status()
 
@@ -394,9 +394,9 @@ def last_word(address: str, name: str) -> Status:
 def compare(
     accounts: dict[tuple[int, str], Heard], begun_ns: int, ended_ns: int
 ) -> tuple[int, int]:
-    """(how often statuses and events should have been heard, how often somebody missed one): all
-    subscribers of a controller against each other; what first came at a time between these, and
-    after the first that the subscriber itself heard."""
+    """Return (how often statuses and events should have been received, how often one was missed),
+    by comparing all subscribers of a controller. Counts messages whose first arrival is between
+    these times and after the first message that the subscriber itself received."""
     reported = untold = 0
     by_name: dict[str, list[Heard]] = defaultdict(list)
     for (_, name), heard in accounts.items():

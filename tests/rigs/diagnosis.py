@@ -1,9 +1,9 @@
-"""A diagnosis without its limits, for tests that judge what is found.
+"""A diagnosis without its limits, for tests that judge the findings.
 
-To tell what would have been seen, each cause is put in and everything is asked again: about half of
-the time that a diagnosis takes. Limits are judged by tests/models/diagnosis/test_names.py,
-test_hard_recordings.py, test_data_first.py, test_times.py and test_what_counts.py, and by the proof
-among the benchmarks.
+To determine what would have been detected, each cause is added and every question is repeated:
+about half of the time that a diagnosis takes. Limits are judged by
+tests/models/diagnosis/test_names.py, test_hard_recordings.py, test_data_first.py, test_times.py and
+test_what_counts.py, and by the proof among the benchmarks.
 """
 
 from collections.abc import Sequence
@@ -16,5 +16,5 @@ from dehyst.models.recording import Recording
 def diagnose_without_limits(
     recordings: Sequence[Recording], model: Model | None = None
 ) -> Diagnosis:
-    """`diagnose`, but for the limits."""
+    """Run `diagnose` without the limits."""
     return diagnose(recordings, model, with_limits=False)

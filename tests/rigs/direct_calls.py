@@ -1,4 +1,4 @@
-"""A driver's C function called as the compiled loop calls it, from Python."""
+"""Call a driver's C function from Python as the compiled loop calls it."""
 
 import ctypes
 from typing import Any
@@ -12,20 +12,20 @@ FUNCTION = ctypes.CFUNCTYPE(
 
 
 def direct_of(device: Any) -> Direct:
-    """What an open driver offers; it must offer something."""
+    """Return the Direct of an open driver; it must have one."""
     direct = device.direct()
     assert direct is not None
     return direct
 
 
 def write(direct: Direct, volts: float) -> DriverError | None:
-    """Write; the error that the result stands for."""
+    """Write a voltage; return the error that the result means, if any."""
     code = FUNCTION(direct.function)(direct.context, 0, ctypes.byref(ctypes.c_double(volts)))
     return None if code == 0 else direct.explain(code)
 
 
 def read(direct: Direct) -> float | DriverError:
-    """Read; the error that the result stands for in place of a value."""
+    """Read a value; return the error instead if the result means one."""
     value = ctypes.c_double(-1.0)
     code = FUNCTION(direct.function)(direct.context, 0, ctypes.byref(value))
     return value.value if code == 0 else direct.explain(code)

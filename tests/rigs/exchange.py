@@ -1,4 +1,4 @@
-"""Two like amplifiers and one port: a link that leads to the one, or to the other."""
+"""Two identical amplifiers and one port: a link that leads to one or the other."""
 
 import json
 import os
@@ -21,7 +21,7 @@ KNOWN, FOREIGN, FOREIGN_V = "150226175403", "150226175404", 100.0
 
 
 class TwoUnits:
-    """`port` leads to unit A, from `exchange` on to unit B, whose output stands at FOREIGN_V."""
+    """`port` leads to unit A, and after `exchange` to unit B, whose output is at FOREIGN_V."""
 
     def __init__(self, folder: Path, blank: bool) -> None:
         self.port = folder / "amplifier"
@@ -37,7 +37,7 @@ class TwoUnits:
         self._lead_to(0)
 
     def ask(self, place: int, *words: str) -> dict[str, Any]:
-        """A command to one of the emulators, and its answer."""
+        """Send a command to one of the emulators and return its answer."""
         unit = self.units[place]
         assert unit.stdin is not None
         unit.stdin.write(" ".join(words) + "\n")
@@ -45,7 +45,7 @@ class TwoUnits:
         return self._line(place)
 
     def exchange(self) -> None:
-        """A is unplugged, and B is where it was."""
+        """Unplug A and connect B in its place."""
         self.ask(0, "unplug")
         self._lead_to(1)
 
@@ -68,7 +68,7 @@ class TwoUnits:
 
 
 class Exchanged:
-    """A daemon on unit A, high, and what becomes of it and of unit B."""
+    """A daemon that drives unit A to a high voltage, and what it does to unit B."""
 
     def __init__(self, folder: Path, model: Path, blank: bool) -> None:
         self.folder, self.units = folder, TwoUnits(folder, blank)
@@ -84,7 +84,7 @@ class Exchanged:
         self.supervisor: subprocess.Popen[str] | None = None
 
     def start(self) -> subprocess.Popen[str]:
-        """`dehyst run`."""
+        """Start `dehyst run`."""
         with open(self.log, "ab") as words:
             self.supervisor = dehyst(
                 "run", "--config", str(self.config), stdout=words, stderr=words
@@ -92,19 +92,19 @@ class Exchanged:
         return self.supervisor
 
     def safe(self) -> int:
-        """`dehyst safe`, as systemd runs it when all is over; its exit status."""
+        """Run `dehyst safe`, as systemd does at the end; return its exit status."""
         with open(self.log, "ab") as words:
             return dehyst("safe", "--config", str(self.config), stdout=words, stderr=words).wait(60)
 
     def start_high(self) -> subprocess.Popen[str]:
-        """It runs, and has driven unit A up."""
+        """Start the daemon and drive unit A up."""
         supervisor = self.start()
         until(lambda: self.core_pid() and self.rings.last() is not None, 120.0, "samples")
         self.rings.drive(9.0, lambda last: last["volts"] > 60.0)
         return supervisor
 
     def core_pid(self) -> int:
-        """The process that writes the rings; 0: none."""
+        """Return the id of the process that writes the rings; 0 if none does."""
         try:
             with RingFile(self.folder / "run" / "telemetry.ring", TELEMETRY) as ring:
                 os.kill(ring.pid, 0)
@@ -113,16 +113,16 @@ class Exchanged:
             return 0
 
     def words(self) -> str:
-        """What the daemon has said."""
+        """Return what the daemon has printed."""
         return self.log.read_text(errors="replace")
 
     def foreign(self) -> tuple[int, float]:
-        """(sets that unit B was given, where its output stands)."""
+        """Return (number of sets that unit B received, its output voltage)."""
         state = self.units.ask(1, "state")
         return int(state["sets"]), float(state["outputs_v"]["x"])
 
     def close(self) -> None:
-        """End all."""
+        """End everything."""
         if self.supervisor is not None and self.supervisor.poll() is None:
             self.supervisor.terminate()
             try:
@@ -135,7 +135,7 @@ class Exchanged:
 
 
 def at_start(rig: Exchanged) -> int:
-    """While the daemon is not there. The exit status of what comes then."""
+    """Exchange the units while no daemon runs; return the exit status of the next start."""
     supervisor = rig.start_high()
     supervisor.terminate()
     assert supervisor.wait(60.0) == 0
@@ -144,7 +144,7 @@ def at_start(rig: Exchanged) -> int:
 
 
 def in_motion(rig: Exchanged) -> int:
-    """While set-points come, and they go on coming."""
+    """Exchange the units during a stream of set-points, which continues."""
     supervisor = rig.start_high()
     rig.units.exchange()
     end = time.monotonic() + 3.0
@@ -156,7 +156,7 @@ def in_motion(rig: Exchanged) -> int:
 
 
 def at_stop(rig: Exchanged) -> int:
-    """While the output ramps to its safe state."""
+    """Exchange the units while the output ramps to its safe state."""
     supervisor = rig.start_high()
     supervisor.terminate()
     until(lambda: rig.rings.state() is State.STOPPING, 20.0, "it ramps")
@@ -165,7 +165,7 @@ def at_stop(rig: Exchanged) -> int:
 
 
 def loop_dead(rig: Exchanged) -> int:
-    """As the loop dies; `dehyst safe` finds the other unit."""
+    """Exchange the units as the loop dies; `dehyst safe` finds the other unit."""
     supervisor = rig.start_high()
     pid = rig.core_pid()
     rig.units.exchange()
@@ -176,7 +176,7 @@ def loop_dead(rig: Exchanged) -> int:
 
 
 def supervisor_dead(rig: Exchanged) -> int:
-    """As the supervisor dies, and the loop ends because of it."""
+    """Exchange the units as the supervisor dies and the loop ends because of it."""
     supervisor = rig.start_high()
     rig.units.exchange()
     supervisor.kill()
@@ -186,7 +186,7 @@ def supervisor_dead(rig: Exchanged) -> int:
 
 
 def both_dead(rig: Exchanged) -> int:
-    """As both die; what systemd runs then finds the other unit."""
+    """Exchange the units as both die; what systemd then runs finds the other unit."""
     supervisor = rig.start_high()
     pid = rig.core_pid()
     rig.units.exchange()

@@ -1,4 +1,4 @@
-"""The gate before the loop, with a clock that the test turns."""
+"""The gate before the loop, with a clock that the test controls."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ ROOM = 65536
 
 
 class Gate:
-    """An admission with a clock that the test turns, and clients whose own clock is off."""
+    """An admission with a clock that the test controls, and clients whose own clock is off."""
 
     def __init__(self) -> None:
         self.now = 1000 * S

@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def free_port() -> int:
-    """A TCP port on loopback that nobody uses at present."""
+    """Return a TCP port on loopback that is free at present."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -54,7 +54,7 @@ class Core:
         self.process = subprocess.Popen(command, env=environment(), stdin=subprocess.DEVNULL)
 
     def running(self) -> bool:
-        """Whether this process (not one before it) has written a sample and said so."""
+        """Whether this process (not an earlier one) has written a sample and reported it."""
         if self.process.poll() is not None:
             pytest.fail(f"the loop ended with code {self.process.returncode}")
         try:
@@ -64,26 +64,26 @@ class Core:
         return bool(said.size and said[-1]["pid"] == self.process.pid and said[-1]["samples"] > 0)
 
     def ring(self, name: str) -> Ring:
-        """One of its rings, as another process sees it."""
+        """Return one of its rings, opened as another process does."""
         return Ring.attach(self.config.directory / f"{name}.ring", LAYOUTS[name])
 
     def samples(self, first: int = 0) -> np.ndarray:
-        """Telemetry records from number `first` on."""
+        """Return the telemetry records from number `first` on."""
         return self.ring("telemetry").read(first)[0]
 
     @property
     def seq(self) -> int:
-        """How many samples there have been."""
+        """The number of samples so far."""
         return self.ring("telemetry").head
 
     @property
     def state(self) -> State:
-        """Of the newest sample."""
+        """The state of the newest sample."""
         return State(int(self.samples(self.seq - 1)[-1]["state"]))
 
     @property
     def commands(self) -> np.ndarray:
-        """All commands that it was given (as many as its ring holds)."""
+        """Return all commands that it received (as many as its ring holds)."""
         return self.ring("command").read(0)[0]
 
     def close(self, number: int = signal.SIGKILL) -> None:
@@ -94,7 +94,7 @@ class Core:
 
 
 def environment() -> dict[str, str]:
-    """For processes of this source tree."""
+    """Return the environment for processes of this source tree."""
     return {k: v for k, v in os.environ.items() if k != "NOTIFY_SOCKET"} | {
         "PYTHONPATH": str(ROOT / "src"), "DEHYST_SUPERVISED": "1",
         "PYTHONFAULTHANDLER": "1",
@@ -117,8 +117,8 @@ bus = {{listen = ["tcp/127.0.0.1:{port}"]}}
 
 
 class Bench:
-    """Loop and gateway of one test, a process each; `client()` connects to the gateway. start:
-    False leaves the rings to somebody else; replaced: text in the configuration."""
+    """Loop and gateway of one test, each in a process; `client()` connects to the gateway. start:
+    False leaves the rings to the caller; replaced: text in the configuration."""
 
     def __init__(self, folder: Path, start: bool = True, **replaced: str) -> None:
         self.port = free_port()
@@ -146,7 +146,7 @@ class Bench:
         self.gateway = subprocess.Popen([*command, str(self.path)], env=environment())
         wait_until("the gateway listens", self._listens)
         if self.has_loop:
-            # its kernels may have to be compiled first
+            # the kernels may have to be compiled first
             wait_until("the loop runs", self.loop.running, 240.0)
 
     def _listens(self) -> bool:
@@ -154,7 +154,7 @@ class Bench:
             return probe.connect_ex(("127.0.0.1", self.port)) == 0
 
     def client(self, label: str = "") -> Client:
-        """A connected client; closed with the bench."""
+        """Return a connected client; it is closed with the bench."""
         client = Client("bench", self.address, label=label)
         self.clients.append(client)
 
@@ -162,7 +162,7 @@ class Bench:
         return client
 
     def rest(self) -> None:
-        """Close the clients; returns when nobody commands and nothing moves."""
+        """Close the clients; return when nobody commands and nothing moves."""
         for client in self.clients:
             client.close()
         self.clients.clear()
@@ -195,7 +195,7 @@ class Bench:
 
 @contextmanager
 def started_bench(folder: Path, **replaced: str) -> Iterator[Bench]:
-    """A bench whose gateway has seen the loop; it ends with the block."""
+    """Yield a bench whose gateway has seen the loop; it ends with the block."""
     bench = Bench(folder, **replaced)
     try:
         bench.start_gateway()
@@ -206,22 +206,22 @@ def started_bench(folder: Path, **replaced: str) -> Iterator[Bench]:
 
 
 def wait_until_heard(feed: StatusFeed) -> None:
-    """Until the daemon knows all that the feed listens to, which it does by its second status: what
-    is reported once before is lost."""
+    """Wait until the daemon knows all subscriptions of the feed, which its second status proves:
+    earlier one-time reports are lost."""
     wait_until("a status is heard", lambda: feed.status is not None)
     first_ns = feed.status_at_ns
     wait_until("another one", lambda: feed.status_at_ns > first_ns)
 
 
 def follows(client: Client) -> bool:
-    """The loop is seen and past its start: a command is not refused for its state."""
+    """Return whether the loop is seen and past its start, so that its state refuses no command."""
     status = client.status()
     return status.core_alive and status.state != "start"
 
 
 def observer_only_hears(operator: Client, observer: Client) -> tuple[TelemetryStream, set[float]]:
-    """The operator commands; the observer sees it, asks, and is refused what commands: its stream
-    and the targets heard so far."""
+    """Check that an observer receives the operator's motion and answers to queries, and that its
+    commands are refused. Returns its stream and the targets received so far."""
     wait_until("the loop is seen", lambda: follows(operator))
     feed, stream = observer.feed(), observer.stream()
     assert observer.model().displacement_unit == "um"
@@ -245,7 +245,7 @@ def observer_only_hears(operator: Client, observer: Client) -> tuple[TelemetrySt
 
 
 def forged_setpoint(operator: Client) -> messages.Setpoint:
-    """A set-point under the operator's lease, as if it had been overheard."""
+    """Return a set-point under the operator's lease, as if the lease had been overheard."""
     return messages.Setpoint(
         client=operator.client, lease=operator._lease, sequence=99, sent_ns=time.monotonic_ns(),
         value=9.0, unit="um",
@@ -254,7 +254,7 @@ def forged_setpoint(operator: Client) -> messages.Setpoint:
 
 @contextmanager
 def renewed(client: Client) -> Iterator[None]:
-    """Keep a client's lease, however long what is inside takes."""
+    """Keep a client's lease renewed, however long the block takes."""
     over = threading.Event()
 
     def renew() -> None:

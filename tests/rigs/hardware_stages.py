@@ -1,8 +1,8 @@
-"""Stages under servos and behind recorders as hardware has them, for the model that is written.
+"""Stages under servos and recorders like those of real hardware, for tests of the written model.
 
-A stage is run on a grid many times finer than its recorder's. The servo's own stage is a Bouc-Wen
-loop with relaxations for creep, stepped together with an integrating controller, so that noise and
-hum come back through its drive. Shares no code with the library.
+A stage is simulated on a grid many times finer than its recorder's. The servo's own stage is a
+Bouc-Wen loop with relaxations for creep, stepped together with an integrating controller, so that
+noise and hum feed back through its drive. Shares no code with the library.
 """
 
 from collections.abc import Callable
@@ -18,15 +18,15 @@ from tests.rigs.plants.hysteresis_more import in_class
 
 from dehyst.models.recording import Recording
 
-FINE = 5  # steps of the stage in one of the recorder
+FINE = 5  # simulation steps per sample of the recorder
 STAGES = {**CLASSES, "in the class": in_class}
 Rng = np.random.Generator
 Drive = Callable[[Rng, Floats, float], Floats]
 
 
 class RigCase(NamedTuple):
-    """foreign: whether the loop is not of the library's class; given: what the tool gets; held: the
-    drive that is held out, its displacement free of noise and of hum; noise: rms of the noise."""
+    """One case. foreign: whether the loop is outside the library's class; given: the tool's input;
+    held: the held-out drive, its displacement without noise and hum; noise: rms of the noise."""
 
     kind: str
     name: str
@@ -38,7 +38,7 @@ class RigCase(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """What a recorder wrote: stamps, drive and reading; and the exact displacement of each row."""
+    """A recorder's output: stamps, drive and reading; and the exact displacement of each row."""
 
     t_s: Floats
     u: Floats
@@ -50,7 +50,8 @@ class Shown(NamedTuple):
 def _in_a_servo(
     target: Floats, added: Floats, h: float, rate: float, creep: float
 ) -> tuple[Floats, Floats]:
-    """Drive and displacement of a stage whose integrator sees the displacement and `added`."""
+    """Return drive and displacement of a stage whose integrator sees the displacement plus
+    `added`."""
     u, z = 0.0, 0.0
     slow = np.zeros(5)
     us, ys = np.empty(target.size), np.empty(target.size)
@@ -89,9 +90,9 @@ def _open_loop(
     ahead: int = 0,
     hold_s: float = 0.0,
 ) -> list[Shown]:
-    """Recordings at `hz` of a stage whose displacement passes `read`(x, t, h). step_v: of the drive
-    as it is read back; ahead: rows by which the reading comes early; hold_s: for which a slow gauge
-    repeats a reading."""
+    """Return recordings at `hz` of a stage whose displacement passes `read`(x, t, h). step_v:
+    quantisation of the drive that is read back; ahead: rows by which the reading is early; hold_s:
+    time for which a slow gauge repeats a reading."""
     run, out = STAGES[stage](rng), []
     for _, drive, seconds in _waves(12_000.0 / hz):
         dt = 1.0 / hz
@@ -209,7 +210,8 @@ SHOWN = (("identify", "check", "hold"), ("identify", "hold"), ("identify",))
 
 
 def make_rig(seed: int, number: int) -> RigCase:
-    """One case; every kind in turn, first with three recordings, then with two, then with one."""
+    """Make one case; the kinds take turns, first with three recordings, then with two, then with
+    one."""
     kind = KINDS[number % len(KINDS)]
     rng = np.random.default_rng([seed, number])
     stage = "in the class" if kind == "clean" else str(rng.choice(list(STAGES)))

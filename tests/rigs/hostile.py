@@ -1,7 +1,7 @@
-"""Clients that do not behave: links that are kept alive and never read, silent connections.
+"""Clients that misbehave: links that are kept alive but never read, silent connections.
 
-python -m tests.rigs.hostile PORT KEY COUNT: so many subscribers that hear once and then read no
-more; prints "deaf" then.
+python -m tests.rigs.hostile PORT KEY COUNT: COUNT subscribers that receive once and then stop
+reading; it then prints "deaf".
 """
 
 import socket
@@ -15,7 +15,7 @@ SMALL_BYTES = 4096
 
 
 class DeafLink:
-    """A relay to the gateway that passes on what a client says (its subscriptions, its keep-alives)
+    """A relay to the gateway that forwards what a client sends (its subscriptions, its keep-alives)
     and, once `deaf` is set, reads nothing of what the gateway answers."""
 
     def __init__(self, port: int) -> None:
@@ -50,7 +50,7 @@ class DeafLink:
 
 
 def idle_connections(port: int, count: int) -> ExitStack:
-    """So many TCP connections that say nothing; closed with the stack that comes back."""
+    """Open this many TCP connections that send nothing; they close with the returned stack."""
     stack = ExitStack()
     for _ in range(count):
         stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=10.0))
@@ -58,7 +58,7 @@ def idle_connections(port: int, count: int) -> ExitStack:
 
 
 def be_deaf(port: int, key: str, count: int) -> None:
-    """Until killed."""
+    """Run until killed."""
     links = [DeafLink(port) for _ in range(count)]
     heard = [threading.Event() for _ in links]
     buses = [Bus.connect([link.address]) for link in links]

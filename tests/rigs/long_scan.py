@@ -1,5 +1,5 @@
-"""A long scan by one `dehyst play` through a daemon whose model changes meanwhile: real processes,
-the emulated MDT693B on a pty, real zenoh; the amplifier's own log is the witness of the output."""
+"""A long scan by one `dehyst play` through a daemon whose model changes during it: real processes,
+the emulated MDT693B on a pty, real zenoh; the amplifier's own log is the evidence of the output."""
 
 import json
 import os
@@ -30,7 +30,7 @@ WATCH = "watch = {before_s = 5.0, after_s = 1.0"
 
 
 def scaled(by: float, share: float = 1.0) -> Model:
-    """The stage's model with another gain, valid up to this share of its drive range."""
+    """Return the stage's model with another gain, valid up to this share of its drive range."""
     model = kept_model()
     v = model.validity
     top = v.drive_min + share * (v.drive_max - v.drive_min)
@@ -40,7 +40,7 @@ def scaled(by: float, share: float = 1.0) -> Model:
 
 @dataclass
 class Change:
-    """Something that was done to the daemon: when [s since the scan began], what came of it."""
+    """Something that was done to the daemon: when [s since the scan began], and the result."""
 
     at_s: float
     what: str
@@ -49,7 +49,8 @@ class Change:
 
 @dataclass
 class LongScan(Rig):
-    """The daemon with a model that moves too far by 15 %; `play` is one scan of so many seconds."""
+    """The daemon with a model whose gain is 15 % too high; `play` is one scan of this many
+    seconds."""
 
     folder: Path
     seconds: float
@@ -60,12 +61,12 @@ class LongScan(Rig):
         super().__init__(self.folder, self.folder / "first.toml")
 
     def configured(self, on_fault: str) -> str:
-        """No flag of the watch, offers laid by hand."""
+        """Return a configuration without flags of the watch, because offers are made by hand."""
         text = super().configured(on_fault).replace(WATCH, f"{WATCH}, learn_s = 36000.0")
         return text.replace("watch = ", f"{DOCTOR}false}}\nwatch = ")
 
     def begin(self) -> None:
-        """Start daemon and listener, then the scan; returns when it runs."""
+        """Start daemon and listener, then the scan; return when it runs."""
         self.daemon = self.start("run", "--config", str(self.config), name="run")
         self.client = until(self._connect, 60.0, f"the gateway\n{self.words('run')}")
         until(lambda: self.status().state == "ready", 300.0, "the loop is ready")
@@ -91,11 +92,11 @@ class LongScan(Rig):
 
     @property
     def now_s(self) -> float:
-        """Since the scan began."""
+        """Seconds since the scan began."""
         return (time.monotonic_ns() - self.begun_ns) * 1e-9
 
     def wait_for(self, at_s: float) -> bool:
-        """Until this time of the scan; False: it has ended before."""
+        """Wait until this time of the scan; return False if the scan has ended before."""
         while self.now_s < at_s:
             if self.play.poll() is not None:
                 return False
@@ -103,7 +104,7 @@ class LongScan(Rig):
         return True
 
     def end(self) -> dict[str, Any]:
-        """What `dehyst play` says of its end."""
+        """Return what `dehyst play` reports at its end."""
         out, _ = self.play.communicate(timeout=self.seconds + 120.0)
         result: dict[str, Any] = json.loads(out)
         return result | {"exit": self.play.returncode, "after_s": self.now_s}
@@ -111,7 +112,7 @@ class LongScan(Rig):
     # -- what is done to it -----------------------------------------------------------------------
 
     def do(self, at_s: float, what: str, how: Callable[[], str]) -> None:
-        """One change, at this time of the scan; none after its end."""
+        """Make one change at this time of the scan; none after its end."""
         if not self.wait_for(at_s):
             return
         change = Change(self.now_s, what)
@@ -120,7 +121,7 @@ class LongScan(Rig):
         print(f"{change.at_s:7.1f} s  {what}: {change.came}", flush=True)
 
     def reload(self, model: Model | None) -> str:
-        """SIGHUP to the core; None: with the file as it is."""
+        """Send SIGHUP to the core; None: with the file unchanged."""
         if model is not None:
             save_model(model, self.model)
         self.mark()
@@ -132,11 +133,11 @@ class LongScan(Rig):
         return f"reach {reach.reach_min:.3g} to {reach.reach_max:.3g} um"
 
     def runs(self, model: Model) -> bool:
-        """Whether the loop runs this model."""
+        """Return whether the loop runs this model."""
         return model_digest(dumps(self.client.model())) == model_digest(dumps(model))
 
     def lay(self, number: int, offered: Model) -> None:
-        """What gateway and doctor would leave."""
+        """Write an offer as gateway and doctor would."""
         folder = self.kept / f"mismatch-{number}.case"
         (folder / cases.FOUND).mkdir(parents=True)
         save_model(self.client.model(), folder / cases.IN_USE)
@@ -155,19 +156,19 @@ class LongScan(Rig):
         until(lambda: self.state(number), 30.0, "the offer is there")
 
     def state(self, number: int) -> str:
-        """Of the offer."""
+        """Return the state of the offer."""
         found = [r for r in self.client.doctor() if r.offer and r.offer.number == number]
         return found[-1].state if found else ""
 
     def over(self, number: int) -> str:
-        """What became of the offer, once its trial is over."""
+        """Return the result of the offer, once its trial is over."""
         ended = ("accepted", "returned", "rejected")
         until(lambda: self.state(number) in ended, OVER_S, f"the trial of {number} ends")
         said = [r.says for r in self.client.doctor() if r.offer and r.offer.number == number]
         return f"{self.state(number)}: {said[-1].removeprefix('Found: shape.').strip()}"
 
     def accept(self, number: int, offered: Model) -> str:
-        """By `dehyst accept`."""
+        """Accept the offer by `dehyst accept`."""
         self.lay(number, offered)
         command = [sys.executable, "-m", "dehyst.daemon.main", "accept", "--yes"]
         done = subprocess.run(
@@ -179,12 +180,12 @@ class LongScan(Rig):
         return self.over(number)
 
     def accepts_itself(self, number: int, offered: Model) -> str:
-        """By `doctor.accept = true`."""
+        """Let `doctor.accept = true` accept the offer."""
         self.lay(number, offered)
         return self.over(number)
 
     def kill_gateway(self) -> str:
-        """With -9; the next one reads `doctor.accept = true`."""
+        """Kill the gateway with -9; the next one reads `doctor.accept = true`."""
         text = self.config.read_text()
         self.config.write_text(text.replace(f"{DOCTOR}false", f"{DOCTOR}true"))
         begun = time.monotonic()
@@ -192,14 +193,14 @@ class LongScan(Rig):
         until(lambda: self.status().gateway.pid != pid, 60.0, "another gateway")
         return f"another gateway after {time.monotonic() - begun:.1f} s"
 
-    # -- what came of it --------------------------------------------------------------------------
+    # -- results ----------------------------------------------------------------------------------
 
     def beyond_slew_v(self) -> float:
-        """Most beyond slew x time over any window of the amplifier's log."""
+        """Return the largest movement beyond slew x time in any window of the amplifier's log."""
         return excess(*self.output(), SLEW)[0]
 
     def flagged(self) -> list[str]:
-        """A table: which flags between one change and the next."""
+        """Return a table of the flags between one change and the next."""
         assert self.listener is not None
         s = np.concatenate(self.listener.samples)
         at_s = (s["scheduled_ns"] - self.begun_ns) * 1e-9

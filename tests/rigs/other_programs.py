@@ -1,5 +1,5 @@
-"""Files as other programs write them: text in the form that each gives it, and the kinds of
-libraries, made by the library itself where it is installed."""
+"""Files in the formats of other programs: text as each of them writes it, and binary formats
+written by the library itself if it is installed."""
 
 from collections.abc import Callable
 from datetime import datetime, timedelta
@@ -103,7 +103,8 @@ def h5_table(path: Path) -> None:
 
 
 def h5_foreign(path: Path) -> None:
-    """Names, units and texts in Latin-1 and in halves of UTF-16, and a place without any value."""
+    """Write names, units and texts in Latin-1 and in halves of UTF-16, and a slot without any
+    value."""
     h5py = pytest.importorskip("h5py")
     latin = h5py.string_dtype("utf-8")
     with h5py.File(path, "w") as file:
@@ -123,7 +124,8 @@ def h5_foreign(path: Path) -> None:
 
 
 def mat73(path: Path) -> None:
-    """As MATLAB lays it out: a block of 512 bytes in front, rows as (1, N), char as uint16."""
+    """Write the file as MATLAB lays it out: a leading block of 512 bytes, rows as (1, N), char as
+    uint16."""
     h5py = pytest.importorskip("h5py")
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, values in (("t_s", T), ("u_v", U), ("y_um", Y)):

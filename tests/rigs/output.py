@@ -1,4 +1,4 @@
-"""What an amplifier's own log shows of its output: range, speed over any window, standing still.
+"""What an amplifier's own log shows of its output: range, speed over any window, rest.
 
 A log is (time_ns, volts): the output is set to volts[i] at time_ns[i] and stays there until the
 next entry.
@@ -9,15 +9,16 @@ from itertools import pairwise
 import numpy as np
 
 DAC_STEP_V = 2.75e-3
-"""A set voltage is rounded to the amplifier's own steps: either end of a move by half of one."""
+"""A set voltage is rounded to the amplifier's steps: each end of a move is off by up to half of
+one."""
 
 
 def excess(time_ns: np.ndarray, volts: np.ndarray, rate_v_per_s: float) -> tuple[float, int, int]:
-    """By how much the output moved further than rate x length in the worst window, and its ends.
+    """Return how far the output moved beyond rate x length in the worst window, and its ends.
 
-    Of all closed windows [t[i], t[j]], i <= j: the largest |v[j] - v[i-1]| - rate (t[j] - t[i]),
-    i and j. The first entry only says where the output stood. O(n): the best beginning of a window
-    that ends at j is the least of v[i-1] - rate t[i] (for a way up) among the i before it.
+    Of all closed windows [t[i], t[j]], i <= j: the largest |v[j] - v[i-1]| - rate (t[j] - t[i]), i
+    and j. The first entry only gives the initial output. O(n): the best beginning of a window that
+    ends at j is the smallest v[i-1] - rate t[i] (for an upward move) among the i up to it.
     """
     if volts.size < 2:
         return 0.0, 0, 0
@@ -35,8 +36,8 @@ def excess(time_ns: np.ndarray, volts: np.ndarray, rate_v_per_s: float) -> tuple
 def check_speed(
     time_ns: np.ndarray, volts: np.ndarray, rate_v_per_s: float, step_v: float
 ) -> float:
-    """No window, however short or long, holds more than rate x length + one step; the largest
-    movement beyond rate x length that was seen [V].
+    """Check that no window, however short or long, moves more than rate x length + one step; return
+    the largest movement beyond rate x length [V].
 
     Raises AssertionError with the worst window.
     """
@@ -52,10 +53,10 @@ def check_speed(
 def check_steps(
     time_ns: np.ndarray, volts: np.ndarray, step_v: float, rate_v_per_s: float, late_s: float
 ) -> None:
-    """No step is larger than step_v and what a movement at this rate needs since the last write,
-    which may have been read late by so much, and this one in time.
+    """Check that no step is larger than step_v plus a movement at this rate since the last write,
+    where the last write may have been read late_s too late and this one in time.
 
-    For a glide and a ramp, which are made of steps of a given size.
+    For a glide and a ramp, which consist of steps of a given size.
     """
     steps, gaps = np.abs(np.diff(volts)), np.diff(time_ns) * 1e-9
     over = steps - step_v - rate_v_per_s * (gaps + late_s) - DAC_STEP_V
@@ -68,7 +69,7 @@ def check_steps(
 
 
 def check_range(volts: np.ndarray, low: float, high: float) -> None:
-    """The log is not empty, and all of it lies within the range."""
+    """Check that the log is not empty and lies within the range."""
     assert volts.size > 0, "the amplifier's log is empty"
     assert volts.min() >= low - 1e-9, volts.min()
     assert volts.max() <= high + DAC_STEP_V, volts.max()
@@ -77,7 +78,8 @@ def check_range(volts: np.ndarray, low: float, high: float) -> None:
 def during(
     time_ns: np.ndarray, volts: np.ndarray, begin_ns: int, end_ns: int | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The part of the log from begin to end, with the voltage in force at its beginning first."""
+    """Return the log from begin to end; its first entry is the voltage in force at its
+    beginning."""
     inside = time_ns >= begin_ns
     if end_ns is not None:
         inside &= time_ns <= end_ns
@@ -91,8 +93,8 @@ def during(
 def check_held(
     time_ns: np.ndarray, volts: np.ndarray, begin_ns: int, end_ns: int | None = None
 ) -> float:
-    """The output did not move between two times, by not one of the amplifier's steps; where it
-    stood."""
+    """Check that the output did not move between two times, not even by one of the amplifier's
+    steps; return where it was."""
     _, part = during(time_ns, volts, begin_ns, end_ns)
     assert part.size > 0, "the amplifier's log is empty"
     moved = float(part.max() - part.min())
@@ -101,7 +103,7 @@ def check_held(
 
 
 def worst_by_brute_force(time_ns: np.ndarray, volts: np.ndarray, rate_v_per_s: float) -> float:
-    """The definition of `excess`, over all pairs."""
+    """Compute `excess` by its definition, over all pairs."""
     before = [a for a, _ in pairwise(volts)]
     return max(
         abs(volts[j] - before[i - 1]) - rate_v_per_s * (time_ns[j] - time_ns[i]) * 1e-9

@@ -1,4 +1,4 @@
-"""Recordings outside of the model's class, and ordinary ones, from equations of their own."""
+"""Recordings outside the model's class, and ordinary ones, from independent equations."""
 
 from collections.abc import Callable
 
@@ -14,12 +14,12 @@ def times(seconds: float, rate_hz: float = RATE_HZ) -> Floats:
 
 
 def noisy(y: Floats, seed: int, share: float = 0.002) -> Floats:
-    """With white noise of a share of its range."""
+    """Add white noise with a standard deviation of a share of its range."""
     return y + share * np.ptp(y) * np.random.default_rng(seed).standard_normal(y.size)
 
 
 def plays(u: Floats, thresholds: Floats, weights: Floats) -> Floats:
-    """A sum of play operators, by the definition, row by row."""
+    """Compute a sum of play operators by the definition, row by row."""
     held, out = np.zeros(thresholds.size), np.empty(u.size)
     for i, x in enumerate(u):
         held = np.clip(held, x - thresholds, x + thresholds)
@@ -28,18 +28,18 @@ def plays(u: Floats, thresholds: Floats, weights: Floats) -> Floats:
 
 
 def polarisation(u: Floats, coercive: float, width: float) -> Floats:
-    """A ferroelectric that switches: tanh branches about +-coercive, by the way that it goes."""
+    """A ferroelectric that switches: tanh branches about +-coercive, depending on direction."""
     up = np.gradient(u) >= 0
     return np.where(up, np.tanh((u - coercive) / width), np.tanh((u + coercive) / width))
 
 
 def dry(u: Floats, force: float) -> Floats:
-    """One wide play: it stands until the drive has come back by 2 * force."""
+    """One wide play: it rests until the drive has come back by 2 * force."""
     return plays(u, np.array([force]), np.array([1.0]))
 
 
 def outside(seed: int = 0) -> dict[str, Recording]:
-    """By kind: none of them has a hysteresis that can be inverted."""
+    """Return recordings by kind: none of them has a hysteresis that can be inverted."""
     t = times(8.0)
     sine = 100.0 * np.sin(2 * np.pi * 0.5 * t)
     triangle = 100.0 * (2 * np.abs(2 * ((0.5 * t) % 1.0) - 1) - 1)
@@ -74,7 +74,7 @@ def outside(seed: int = 0) -> dict[str, Recording]:
 
 
 def stage(u: Floats, seed: int = 0) -> Floats:
-    """A stack of 12 plays with a loop of some 15 %, 0.12 um/V."""
+    """A stack of 12 plays with a loop of about 15 %, 0.12 um/V."""
     rng = np.random.default_rng(seed)
     r = np.linspace(0.0, 40.0, 12)
     w = np.exp(-r / rng.uniform(10, 25))
@@ -85,7 +85,7 @@ def stage(u: Floats, seed: int = 0) -> Floats:
 def _wrongly_connected(
     t: Floats, sine: Floats, rng: np.random.Generator
 ) -> dict[str, tuple[Floats, Floats, Floats]]:
-    """A good stage whose drive or gauge is not: what a bench gives on a bad day."""
+    """A good stage whose drive or gauge is faulty, as on a bench on a bad day."""
     good, half = stage(sine), t.size // 2
     white = rng.standard_normal(t.size)
     return {
@@ -100,7 +100,7 @@ def _wrongly_connected(
 
 
 def linear(seed: int = 0) -> Recording:
-    """A stage without hysteresis, as one with a flexure under a voice coil."""
+    """A stage without hysteresis, for example a flexure under a voice coil."""
     t = times(6.0)
     u = 50 - 50 * np.cos(2 * np.pi * 0.7 * t) * np.sin(np.pi * t / 6.0)
     return Recording(t, u, noisy(0.12 * u + 3.0, seed), name="linear.csv")
@@ -128,8 +128,8 @@ def ordinary(seed: int) -> Recording:
 
 
 def lagged(seed: int, rates: tuple[float, ...], tau_s: float) -> list[Recording]:
-    """One stage, read through a first-order lag (0: none), a recording for each rate [Hz]: sines
-    and triangles that begin anywhere, of 2.5 cycles or more."""
+    """One stage, read through a first-order lag (0: none), with a recording at each rate [Hz]:
+    sines and triangles that begin anywhere, of 2.5 cycles or more."""
     rng = np.random.default_rng(seed)
     r = np.linspace(0.0, 40.0, 12)
     w = np.exp(-r / rng.uniform(10, 20))

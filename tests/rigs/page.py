@@ -1,4 +1,4 @@
-"""`dehyst page` as a real process, asked as a browser would."""
+"""`dehyst page` as a real process, used as a browser would."""
 
 import json
 import os
@@ -21,7 +21,7 @@ SIGNALS = 6
 
 
 class PageProcess:
-    """The page's server for one daemon. scheme: "https" where arguments give a certificate."""
+    """The page's server for one daemon. scheme: "https" if arguments give a certificate."""
 
     def __init__(self, address: str, *arguments: str, log: Path, scheme: str = "http") -> None:
         self.port, self.address, self.scheme = free_port(), address, scheme
@@ -42,7 +42,7 @@ class PageProcess:
         wait_until("the page answers", self.answers)
 
     def answers(self) -> bool:
-        """Whether it is served."""
+        """Return whether the page is served."""
         assert self.process.poll() is None, self.log.read_text()
         try:
             return self.http.get("/").status_code == 200
@@ -50,22 +50,22 @@ class PageProcess:
             return False
 
     def post(self, path: str, origin: str = "", **more: Any) -> httpx.Response:
-        """A POST of the page itself, or of another origin."""
+        """Send a POST from the page itself, or from another origin."""
         return self.http.post(path, headers={"origin": origin or self.url}, **more)
 
     def kill(self, number: int = signal.SIGKILL) -> int:
-        """Send a signal; the exit code."""
+        """Send a signal; return the exit code."""
         self.process.send_signal(number)
         return self.process.wait(20.0)
 
     def close(self) -> None:
-        """End it, in order; it must not have ended before."""
+        """End the process in order; it must not have ended before."""
         self.http.close()
         code = self.kill(signal.SIGTERM)
         assert code == 0, f"the page ended with {code}\n{self.log.read_text()}"
 
     def cpu_s(self) -> float:
-        """Processor time that it has used."""
+        """Return the processor time that it has used."""
         fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
@@ -96,11 +96,11 @@ class Browser:
         self.socket.send(json.dumps({"ask": what, **fields}))
 
     def look(self, name: str = "bench", window_s: float = 10.0, width_px: int = 1000) -> None:
-        """Look at a controller."""
+        """Select a controller to show."""
         self.ask("look", name=name, window_s=window_s, width_px=width_px)
 
     def until(self, what: str, check: Callable[[], Any], timeout_s: float = 60.0) -> Any:
-        """Take messages until the check is true; its value."""
+        """Take messages until the check is true; return its value."""
         end = time.monotonic() + timeout_s
         while not (value := check()):
             left_s = end - time.monotonic()
@@ -122,20 +122,20 @@ class Browser:
             self.said[said["kind"]] = said
 
     def texts(self) -> list[str]:
-        """What this person was reported."""
+        """Return the texts reported to this user."""
         return [said["text"] for said in self.heard if said["kind"] == "said"]
 
     def events(self) -> list[dict[str, Any]]:
-        """All events so far."""
+        """Return all events so far."""
         return [e for said in self.heard if said["kind"] == "events" for e in said["events"]]
 
     def close(self) -> None:
-        """As a browser that goes away."""
+        """Disconnect as a browser that goes away."""
         self._open.close()
 
 
 class Frame:
-    """One binary frame, read after the description in dehyst.daemon.page.wire."""
+    """One binary frame, decoded by the description in dehyst.daemon.page.wire."""
 
     def __init__(self, data: bytes) -> None:
         self.magic, n, anew, self.level, self.first_s, self.bucket_s, self.offset_s = (

@@ -65,8 +65,8 @@ def dehyst(*arguments: str, **options: Any) -> "subprocess.Popen[str]":
 
 
 def as_hardware(process: "subprocess.Popen[Any]", ready: bool = False) -> None:
-    """An emulated device is a device: where it is allowed, no other process keeps it waiting; once
-    it is ready, no loop that waits for its answer either."""
+    """Give an emulated device a device's priority: if permitted, no other process delays it, and
+    once it is ready, not even a loop that waits for its answer."""
     with suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, process.pid, -15)
         if ready:
@@ -74,8 +74,8 @@ def as_hardware(process: "subprocess.Popen[Any]", ready: bool = False) -> None:
 
 
 def one_cpu() -> int:
-    """A CPU for a loop whose times nobody judges: a witness beside it on each of them would take
-    three times as much of the machine as the loop itself."""
+    """Return a CPU for a loop whose timing is not judged: a witness on every CPU would take three
+    times as much of the machine as the loop itself."""
     return random.choice(sorted(os.sched_getaffinity(0)))
 
 
@@ -93,7 +93,7 @@ def until(condition: Any, seconds: float = 60.0, what: str = "") -> Any:
 def simulated_config(
     folder: Path, rate: float, model: Path, loop: str = "", trim: bool = False
 ) -> Path:
-    """Configuration on the in-process simulated stage; loop: further lines of [loop]."""
+    """Write a configuration on the in-process simulated stage; loop: further lines of [loop]."""
     path = folder / "config.toml"
     path.write_text(
         CONFIG.format(
@@ -121,7 +121,7 @@ class EmulatedBench:
         as_hardware(self.process, ready=True)
 
     def config(self, rate: float, model: Path) -> Path:
-        """Configuration on this bench."""
+        """Write a configuration on this bench."""
         path = self.folder / "config.toml"
         path.write_text(
             CONFIG.format(
@@ -140,12 +140,12 @@ class EmulatedBench:
             sender.sendto(json.dumps(order).encode(), self.ports["control"])
 
     def output(self) -> tuple[np.ndarray, np.ndarray]:
-        """(time_ns, volts) at the amplifier's output so far."""
+        """Return (time_ns, volts) at the amplifier's output so far."""
         logged = self.logged()
         return logged["time_ns"], logged["volts"]
 
     def logged(self) -> dict[str, np.ndarray]:
-        """The bench's log so far: time_ns, volts; reading_ns, reading_um, true_um."""
+        """Return the bench's log so far: time_ns, volts; reading_ns, reading_um, true_um."""
         self.log.unlink(missing_ok=True)
         self.control(save=True)
         until(self.log.exists, 10.0, "the bench's log")
@@ -158,20 +158,20 @@ class EmulatedBench:
 
 
 class Rings:
-    """The rings of a running core; axis: of one of its axes, where it has several."""
+    """The rings of a running core; axis: selects one of its axes, if it has several."""
 
     def __init__(self, folder: Path, axis: str = "") -> None:
         self.folder = folder / "run" / axis
 
     def read(self, name: str) -> np.ndarray:
-        """All records that the ring still holds."""
+        """Return all records that the ring still holds."""
         ring = Ring.attach(self.folder / f"{name}.ring", DTYPES[name])
         records = ring.read(0)[0]
         ring.close()
         return records
 
     def last(self, name: str = "telemetry") -> Any:
-        """The newest record, None when there is none."""
+        """Return the newest record; None if there is none."""
         try:
             ring = Ring.attach(self.folder / f"{name}.ring", DTYPES[name])
             records = ring.read(max(0, ring.head - 1))[0]
@@ -181,17 +181,17 @@ class Rings:
         return records[-1] if records.size else None
 
     def state(self) -> State | None:
-        """What the core is doing."""
+        """Return the core's state."""
         record = self.last()
         return None if record is None else State(int(record["state"]))
 
     def events(self) -> str:
-        """All event texts."""
+        """Return all event texts."""
         return "\n".join(r["text"].decode() for r in self.read("event"))
 
     def drive(self, value: float, done: Callable[[Any], bool], seconds: float = 60.0) -> Any:
-        """Give this set-point again and again, before it goes stale, until the newest sample is as
-        wanted; that sample."""
+        """Repeat this set-point, before it goes stale, until the newest sample satisfies `done`;
+        return that sample."""
 
         def there() -> Any:
             nonlocal given
@@ -205,20 +205,20 @@ class Rings:
         return until(there, seconds, f"{value} is followed")
 
     def command(self, kind: LoopCommand, value: float = 0.0) -> None:
-        """Give one command as the gateway would."""
+        """Send one command as the gateway would."""
         row = np.zeros(1, COMMAND)
         row["kind"], row["value"] = kind, value
         self.commands(row)
 
     def commands(self, batch: np.ndarray) -> None:
-        """Give commands as the gateway would."""
+        """Send commands as the gateway would."""
         ring = Ring.attach(self.folder / "command.ring", COMMAND)
         ring.push_many(batch)
         ring.close()
 
 
 def end(process: "subprocess.Popen[str]", timeout: float = 30.0) -> int:
-    """SIGTERM, wait, SIGKILL if need be; the exit code."""
+    """Send SIGTERM, wait, send SIGKILL if necessary; return the exit code."""
     if process.poll() is None:
         process.send_signal(signal.SIGTERM)
     try:
@@ -231,7 +231,8 @@ def end(process: "subprocess.Popen[str]", timeout: float = 30.0) -> int:
 
 @contextmanager
 def emulated_bench(folder: Path, *arguments: str) -> Iterator[dict[str, str]]:
-    """`dehyst emulate` with its ports and control socket in `folder`; it ends well, by SIGTERM."""
+    """Run `dehyst emulate` with its ports and control socket in `folder`; end it in order, by
+    SIGTERM."""
     process = dehyst("emulate", *arguments, "--dir", str(folder), stderr=None)
     try:
         assert process.stdout is not None
@@ -245,7 +246,7 @@ def emulated_bench(folder: Path, *arguments: str) -> Iterator[dict[str, str]]:
 
 @contextmanager
 def core(config: Path, axis: str = "") -> Iterator["subprocess.Popen[str]"]:
-    """`dehyst core`, running: yields when it has written its first sample. axis: one of several."""
+    """Run `dehyst core`; yield when it has written its first sample. axis: one of several."""
     ring = config.parent / "run" / axis / "telemetry.ring"
     old = ring.stat().st_ino if ring.exists() else 0
     process = dehyst("core", "--config", str(config))
@@ -256,7 +257,7 @@ def core(config: Path, axis: str = "") -> Iterator["subprocess.Popen[str]"]:
         return (fresh and rings.last() is not None) or process.poll() is not None
 
     try:
-        until(first_sample, 110.0, "first sample")  # kernels may have to be compiled
+        until(first_sample, 110.0, "first sample")  # the kernels may have to be compiled
         assert process.poll() is None, process.communicate()[1]
         yield process
     finally:

@@ -1,4 +1,4 @@
-"""Random cascades of every physics, by seed, and their reach by the cascade's own simulation."""
+"""Random cascades of every physics, by seed, and their reach from the cascade's own simulation."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,12 +16,13 @@ MOST_BLOCKS = 4
 BY_THEMSELVES = ("hum", "trend", "earlier_creep")
 ORDER = ("drive", "stage", "sensor")
 SIMULATED_S, STEP_S = 30.0, 0.005
-"""Period of the triangle that is simulated, slower than the one that the reach is found from, and
-its sampling period [s]."""
+"""Period of the simulated triangle, slower than the one that determines the reach, and its sampling
+period [s]."""
 
 
 def random_cascade(seed: int) -> Model:
-    """A random base with up to MOST_BLOCKS blocks, each of another kind, in physical order."""
+    """Return a random base with up to MOST_BLOCKS blocks, each of another kind, in physical
+    order."""
     rng = np.random.default_rng(seed)
     base = random_model(rng)
     v = base.validity
@@ -43,8 +44,9 @@ def random_cascade(seed: int) -> Model:
 
 
 def simulated_reach(model: Model) -> tuple[float, float]:
-    """Displacements of the stage over the second of two slow triangles, the channels at their
-    references, every block simulated but those that go on by themselves (hum, trends)."""
+    """Return the displacements of the stage over the second of two slow triangles, with the
+    channels at their references and every block simulated except those that act without a drive
+    (hum, trends)."""
     v = model.validity
     model = replace(model, blocks=tuple(b for b in model.blocks if b.kind not in BY_THEMSELVES))
     way = np.linspace(v.drive_min, v.drive_max, round(0.5 * SIMULATED_S / STEP_S))

@@ -1,4 +1,4 @@
-"""Random models and nasty targets for the inverse, by seed."""
+"""Random models and difficult targets for the inverse, by seed."""
 
 from dataclasses import dataclass
 
@@ -22,9 +22,9 @@ TARGETS = (
 
 
 def random_model(rng: np.random.Generator) -> Model:
-    """Any units and direction; lags of up to 10 ms of either sign; a third each with monotone
-    weights, with small operators that run the wrong way as in the paper's fits, and with rate
-    weights that cancel to a thousandth."""
+    """Return a model with any units and direction; lags of up to 10 ms of either sign; a third each
+    with monotone weights, with small operators of the wrong sign as in the paper's fits, and with
+    rate weights that cancel to a thousandth."""
     n = int(rng.integers(2, 14))
     span = 10.0 ** rng.uniform(-1, 2)
     low = float(rng.choice([0.0, -span / 2, rng.uniform(-span, span)]))
@@ -57,7 +57,7 @@ def random_model(rng: np.random.Generator) -> Model:
 def random_target(
     rng: np.random.Generator, model: Model, period_s: float, samples: int, kind: int
 ) -> tuple[Floats, float]:
-    """One of TARGETS (N,), and the stroke it is made for."""
+    """Return one of TARGETS (N,), and the stroke for which it is made."""
     v = model.validity
     u = np.linspace(v.drive_min, v.drive_max, 60)
     y = simulate_hysteresis(model.hysteresis, np.concatenate([u, u[::-1]]), 1e9)
@@ -87,7 +87,8 @@ def random_target(
 
 
 def random_case(seed: int) -> tuple[Model, Floats, float, float, str, int]:
-    """Model, target, period, slew, name of the target, and how the stream starves (STARVING)."""
+    """Return model, target, period, slew, name of the target, and how the stream starves
+    (STARVING)."""
     rng = np.random.default_rng(seed)
     model = random_model(rng)
     period = float(rng.choice([2e-4, 1e-3, 5e-3]))
@@ -100,7 +101,7 @@ def random_case(seed: int) -> tuple[Model, Floats, float, float, str, int]:
 
 
 def known_ahead(starving: int, samples: int, wide: int) -> Ints:
-    """(N,) how many targets each sample is reported, from its own on."""
+    """Return (N,) the number of targets known at each sample, including its own."""
     at = np.arange(samples)
     known = np.minimum(wide, samples - at)
     if starving == DROUGHT:
@@ -115,7 +116,7 @@ def known_ahead(starving: int, samples: int, wide: int) -> Ints:
 
 @njit(cache=True, nogil=True)
 def _run(address, target, wide, known, drive):  # type: ignore[no-untyped-def]
-    """What the daemon's loop does, without the daemon: propose, apply."""
+    """Run the daemon's loop without the daemon: propose, apply."""
     inverse = inverse_at(address)
     for i in range(target.size):
         sample.propose_drive(inverse, target[i : i + wide], known[i])
@@ -124,7 +125,7 @@ def _run(address, target, wide, known, drive):  # type: ignore[no-untyped-def]
 
 
 def driven(c: Compensator, target: Floats, starving: int, start: float) -> Floats:
-    """Drive (N,) of a compensator along a target (N,) whose stream starves so."""
+    """Return the drive (N,) of a compensator along a target (N,) whose stream starves like this."""
     state, drive = c.init(start), np.empty(target.size)
     known = known_ahead(int(starving), target.size, c.window_samples)
     _run(state.address, target, c.window_samples, known, drive)
@@ -133,24 +134,24 @@ def driven(c: Compensator, target: Floats, starving: int, start: float) -> Float
 
 @dataclass(frozen=True)
 class Outcome:
-    """limits: whether every drive was finite and within range and slew; starving: how the stream
-    starved; rms: error by mode, in units of the noise."""
+    """The result. limits: whether every drive was finite and within range and slew; starving: how
+    the stream starved; rms: error by mode, in units of the noise."""
 
     limits: bool
     starving: int
     rms: dict[str, float]
 
     def excess(self, mode: str) -> float:
-        """By how many times the noise the mode is worse than the static inverse."""
+        """Return by how many times the noise the mode is worse than the static inverse."""
         return self.rms[mode] - self.rms["static"]
 
     def times(self, mode: str) -> float:
-        """How many times the static inverse's error, the noise added to both."""
+        """Return the ratio to the static inverse's error, with the noise added to both."""
         return (1.0 + self.rms[mode]) / (1.0 + self.rms["static"])
 
 
 def outcome(seed: int, modes: tuple[str, ...] = ("static", "causal", "preview")) -> Outcome:
-    """Modes on one random case."""
+    """Run modes on one random case."""
     model, target, dt, slew, _, starving = random_case(seed)
     v = model.validity
     rms, limits = {}, True

@@ -1,5 +1,5 @@
-"""A trajectory that is scanned again and again on the simulated stage, in this process, with trim
-and learning: what each pass came to, by the true displacement."""
+"""Scan a trajectory repeatedly on the simulated stage, in this process, with trim and learning, and
+report the true error of each pass."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -20,13 +20,13 @@ MISSING["measured"], MISSING["flags"] = np.nan, Flag.MISSED
 
 
 def sine(hertz: float, peak_to_peak: float, seconds: float = 1.0) -> Floats:
-    """A pass of whole periods about 8 um."""
+    """Return a pass of whole periods about 8 um."""
     t = PERIOD_S * np.arange(round(seconds / PERIOD_S))
     return 8.0 - 0.5 * peak_to_peak * np.cos(2.0 * np.pi * hertz * t)
 
 
 def raster(lines: float = 5.0, peak_to_peak: float = 4.0) -> Floats:
-    """Lines there and back in a second, with turns rounded over 30 ms."""
+    """Return lines back and forth in a second, with turns rounded over 30 ms."""
     t = PERIOD_S * np.arange(1000)
     triangle = np.abs(2.0 * np.mod(lines * t, 1.0) - 1.0) * peak_to_peak
     k = np.hanning(33)[1:-1]
@@ -34,7 +34,7 @@ def raster(lines: float = 5.0, peak_to_peak: float = 4.0) -> Floats:
 
 
 def staircase() -> Floats:
-    """Five levels up and down, 0.2 s each, moves of 20 ms."""
+    """Return five levels up and down, 0.2 s each, with moves of 20 ms."""
     levels = np.repeat([4.0, 6.0, 8.0, 10.0, 12.0, 10.0, 8.0, 6.0], 200)
     k = np.hanning(22)[1:-1]
     return np.convolve(np.tile(levels, 3), k / k.sum(), "same")[levels.size : 2 * levels.size]
@@ -42,8 +42,8 @@ def staircase() -> Floats:
 
 @dataclass
 class Scan:
-    """Of each pass: std and mean of the true error [nm], what the learning said, largest step of
-    the voltage; and whatever the loop reported."""
+    """The results of each pass: std and mean of the true error [nm], the learning's report, largest
+    step of the voltage; and everything that the loop reported."""
 
     std_nm: list[float] = field(default_factory=list)
     mean_nm: list[float] = field(default_factory=list)
@@ -64,7 +64,7 @@ def scan(
     missed: Callable[[int], frozenset[int]] = lambda number: frozenset(),
     learn: bool = True,
 ) -> Scan:
-    """Play `target` so often. tamper, missed: what goes wrong in pass number 0, 1 ..."""
+    """Play `target` this often. tamper, missed: disturbances in pass number 0, 1 ..."""
     rig = TrimmedStage(model, stage, trim)
     player, out = Player(rig), Scan(rig=rig)
     noise = model.fit.noise_rms or 0.02

@@ -1,4 +1,4 @@
-"""`dehyst run` on the emulated bench as a real process, for the tests of what keeps it safe."""
+"""`dehyst run` on the emulated bench as a real process, for the safety tests."""
 
 import os
 import signal
@@ -37,7 +37,7 @@ class Service:
         self.supervisor: subprocess.Popen[str] | None = None
 
     def start(self) -> None:
-        """Start the supervisor; returns when its core writes samples."""
+        """Start the supervisor; return when its core writes samples."""
         with open(self.log, "ab") as words:
             self.supervisor = dehyst(
                 "run", "--config", str(self.config), stdout=words, stderr=words
@@ -45,7 +45,7 @@ class Service:
         until(lambda: self.core_pid() and self.rings.last() is not None, 120.0, "samples")
 
     def core_pid(self) -> int:
-        """The process that writes the present rings; 0: none alive."""
+        """Return the id of the process that writes the present rings; 0 if none is alive."""
         try:
             with RingFile(self.folder / "run" / "telemetry.ring", DTYPES["telemetry"]) as ring:
                 pid = ring.pid
@@ -55,24 +55,24 @@ class Service:
         return pid
 
     def words(self) -> str:
-        """What the supervisor and its children have said."""
+        """Return what the supervisor and its children have printed."""
         return self.log.read_text(errors="replace") if self.log.exists() else ""
 
     def high(self, um: float = HIGH_UM, volts: float = 60.0) -> float:
-        """Drive the stage up through the command ring: the output then."""
+        """Drive the stage up through the command ring; return the output then."""
         self.rings.drive(um, lambda last: last["volts"] > volts)
         return self.output()
 
     def hold_high(self) -> None:
-        """Once more, so that the set-point does not go stale at once."""
+        """Repeat the command, so that the set-point does not go stale at once."""
         self.rings.command(LoopCommand.SETPOINT, HIGH_UM)
 
     def output(self) -> float:
-        """The amplifier's output, by the amplifier."""
+        """Return the output that the amplifier reports."""
         return float(ask(self.bench.ports["control"], {})["output_v"])
 
     def client(self) -> Client:
-        """A client, as soon as the gateway answers."""
+        """Return a client as soon as the gateway answers."""
         found: list[Client] = []
 
         def there() -> Any:
@@ -86,13 +86,13 @@ class Service:
         return found[0]
 
     def end(self, number: int = signal.SIGTERM, timeout_s: float = 60.0) -> int:
-        """Send a signal to the supervisor; its exit code."""
+        """Send a signal to the supervisor; return its exit code."""
         assert self.supervisor is not None
         self.supervisor.send_signal(number)
         return self.supervisor.wait(timeout_s)
 
     def close(self) -> None:
-        """End everything, stopped processes included."""
+        """End everything, including stopped processes."""
         if pid := self.core_pid():
             os.kill(pid, signal.SIGCONT)
         if self.supervisor is not None and self.supervisor.poll() is None:

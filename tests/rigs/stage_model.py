@@ -11,13 +11,13 @@ from dehyst.models.model import Model
 
 @cache
 def kept_model() -> Model:
-    """The model of the default stage; nobody may change it."""
+    """Return the model of the default stage; it must not be changed."""
     return simulated_model()
 
 
 @cache
 def model_text() -> str:
-    """The same as its file."""
+    """Return the model in its file format."""
     with TemporaryDirectory() as folder:
         save_model(kept_model(), Path(folder) / "model.toml")
         return (Path(folder) / "model.toml").read_text()

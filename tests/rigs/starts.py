@@ -1,4 +1,4 @@
-"""Which tests start a process, a zenoh session or a pseudo terminal, and a guard for the others.
+"""Find which tests start a process, a zenoh session or a pseudo terminal, and guard the others.
 
 A test belongs to the part `processes` when it, a fixture that it takes or a helper of its module
 that it calls names one of `TOOLS`. `guard` makes every other test that starts something fail.
@@ -28,11 +28,11 @@ TOOLS = (
     "dehyst.drivers.emulated.pty_device", "nbclient",
 )  # fmt: skip
 EVENTS = {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.system"}
-"""What the interpreter tells an audit hook."""
+"""Events that the interpreter reports to an audit hook."""
 
 
 def _imported(node: ast.AST) -> Iterator[tuple[str, str]]:
-    """(name here, full name) of what an import binds."""
+    """Yield (name here, full name) for each name that an import binds."""
     if isinstance(node, ast.Import):
         for alias in node.names:
             yield alias.asname or alias.name.partition(".")[0], alias.name
@@ -42,7 +42,7 @@ def _imported(node: ast.AST) -> Iterator[tuple[str, str]]:
 
 
 def _dotted(node: ast.Attribute) -> str:
-    """The name in full; "": not one of names alone."""
+    """Return the full dotted name; "" if it does not consist of names only."""
     parts, at = [node.attr], node.value
     while isinstance(at, ast.Attribute):
         parts.append(at.attr)
@@ -51,7 +51,8 @@ def _dotted(node: ast.Attribute) -> str:
 
 
 def _named(node: ast.AST) -> set[str]:
-    """Names, dotted ones in full, within a definition; "(name)" for an argument: a fixture."""
+    """Return the names, dotted ones in full, within a definition; "(name)" for an argument: a
+    fixture."""
     names = set()
     for one in ast.walk(node):
         if isinstance(one, ast.Name):
@@ -64,16 +65,17 @@ def _named(node: ast.AST) -> set[str]:
 
 
 WORDS = {tool.rpartition(".")[0] or tool for tool in TOOLS}
-"""One of them stands in every file that imports a tool."""
+"""Every file that imports a tool contains one of these."""
 
 
 @cache
 def starting(path: Path, inherited: frozenset[str] = frozenset()) -> frozenset[str]:
-    """Names in this file that start something; inherited: fixtures of the folders above."""
+    """Return the names in this file that start something; inherited: fixtures of the folders
+    above."""
     text = path.read_text(encoding="utf-8")
     words = "|".join(re.escape(name.strip("()")) for name in (*WORDS, *inherited))
     if not re.search(rf"\b(?:{words})\b", text):
-        return frozenset()  # every worker looks at every file: most need not be parsed
+        return frozenset()  # every worker checks every file: most need not be parsed
     tree = ast.parse(text)
     found = {
         name
@@ -89,7 +91,7 @@ def starting(path: Path, inherited: frozenset[str] = frozenset()) -> frozenset[s
         elif isinstance(node, ast.Assign):
             for target in node.targets:
                 definitions[ast.unparse(target)] = _named(node.value)
-    found -= {f"({name})" for name in definitions}  # a fixture of this file hides one above
+    found -= {f"({name})" for name in definitions}  # a fixture of this file hides an inherited one
     while more := {n for n, uses in definitions.items() if n not in found and uses & found}:
         found |= more | {f"({name})" for name in more}
     return frozenset(found)
@@ -97,7 +99,7 @@ def starting(path: Path, inherited: frozenset[str] = frozenset()) -> frozenset[s
 
 @cache
 def _above(folder: Path) -> frozenset[str]:
-    """What the fixtures of this folder and of those above start."""
+    """Return the fixtures of this folder and the folders above it that start something."""
     above: frozenset[str] = frozenset()
     for one in reversed((folder, *folder.parents)):
         conftest = one / "conftest.py"
@@ -107,18 +109,18 @@ def _above(folder: Path) -> frozenset[str]:
 
 
 def starts_something(path: Path, name: str) -> bool:
-    """Whether the test of this name (function, or class) in this file starts something."""
+    """Return whether the test of this name (function, or class) in this file starts something."""
     return name in starting(path, _above(path.parent))
 
 
 def starts_something_in(path: Path) -> bool:
-    """Whether any test of this file does."""
+    """Return whether any test of this file does."""
     names = starting(path, _above(path.parent))
     return any(name.lower().startswith("test") and name.isidentifier() for name in names)
 
 
 def starts_something_always(path: Path) -> bool:
-    """Whether every test of this file does."""
+    """Return whether every test of this file does."""
     tests = re.findall(
         r"^(?:def|class) ([tT]est\w*)", path.read_text(encoding="utf-8"), re.MULTILINE
     )
@@ -126,7 +128,7 @@ def starts_something_always(path: Path) -> bool:
 
 
 class Started(AssertionError):
-    """A test of the quick part started something."""
+    """A test of the quick part has started something."""
 
 
 _watched: list[list[str]] = []
@@ -147,7 +149,7 @@ def _noticed(what: str, function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def watch() -> None:
-    """From now on `guard` notices. Once a process: an audit hook cannot be taken back."""
+    """Enable `guard` from now on. Called once per process: an audit hook cannot be removed."""
 
     def hook(event: str, args: tuple[Any, ...]) -> None:
         if event in EVENTS:
@@ -162,7 +164,8 @@ def watch() -> None:
 
 @contextmanager
 def guard() -> Iterator[None]:
-    """What is started within is refused, and said at the end even where that was swallowed."""
+    """Refuse what is started inside the block, and report it at the end even if the error was
+    swallowed."""
     heard: list[str] = []
     _watched.append(heard)
     try:

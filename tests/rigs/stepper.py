@@ -1,4 +1,4 @@
-"""The controller's step with a clock that the test turns, and every voltage that it wrote."""
+"""The controller's step with a clock that the test controls, and every voltage that it wrote."""
 
 import numpy as np
 

@@ -1,8 +1,8 @@
-"""The demo's second act without processes and at speed: simulated stage, controller, mismatch
+"""The demo's second act without processes and at high speed: simulated stage, controller, mismatch
 watch, doctor and trial in this process, on a clock of samples.
 
-Everything but the clock is the product's own: the step, the watch with what it keeps, the doctor's
-examination of the case that the watch has laid, the trial with its reload.
+Everything but the clock is the product's own: the step, the watch with its recordings, the doctor's
+examination of the case that the watch has opened, the trial with its reload.
 """
 
 import os
@@ -44,9 +44,9 @@ sensor = {{driver = "simulated"}}
 limits = {{min_v = {low}, max_v = {high}, slew_v_per_s = {slew}}}
 """
 QUICK_STAGE = partial(StageSettings, rc_tau_s=0.0, mode_hz=0.0, sensor_tau_s=0.0)
-"""What is over within a sample is left out: it costs most of the time."""
+"""Effects that end within a sample are omitted: they cost most of the time."""
 BATCH, AHEAD = 20, 1000  # samples
-SHARE = 0.9  # of the reach, as in the demo
+SHARE = 0.9  # share of the reach, as in the demo
 NOT_TRACKED = int(Flag.APPROACH | Flag.SENSOR_INVALID | Flag.SENSOR_HELD)
 
 
@@ -62,8 +62,8 @@ class Told:
 
 @dataclass
 class OfflineStory:
-    """One stage that follows the demo's pattern all the time. tamper: what the loop gets in place
-    of each reading; events: all that the watch reported. Use with `with`."""
+    """One stage that follows the demo's pattern all the time. tamper: returns what the loop gets
+    instead of each reading; events: all that the watch reported. Use with `with`."""
 
     folder: Path
     model: Model
@@ -112,7 +112,7 @@ class OfflineStory:
         self.events.append(Told(self.now_s, level, code, text))
 
     def _use(self, model: Model) -> None:
-        """Say which model the loop runs."""
+        """Set which model the loop runs."""
         text = dumps(model)
         path = self.folder / f"model-{model_digest(text)}.toml"
         write_text(path, text)
@@ -123,10 +123,10 @@ class OfflineStory:
         """Seconds since the first sample."""
         return self.rig.now_ns * 1e-9
 
-    # -- time passes ------------------------------------------------------------------------------
+    # -- advance time -----------------------------------------------------------------------------
 
     def go_on(self) -> None:
-        """One batch of samples, judged."""
+        """Run and judge one batch of samples."""
         if self._reload_asked:
             self._reload_asked = False
             model, *_ = choose_model(self.config)
@@ -141,7 +141,7 @@ class OfflineStory:
         self.watch.judge_next()
 
     def _points(self) -> np.ndarray:
-        """The next round of the pattern, well before it is needed."""
+        """Return the next round of the pattern, well before it is needed."""
         if self._sent - len(self.rig.records) > AHEAD:
             return np.zeros(0, COMMAND)
         batch = np.zeros(self._target.size, COMMAND)
@@ -152,7 +152,7 @@ class OfflineStory:
         return batch
 
     def until(self, happened: Callable[[], bool], seconds: float) -> bool:
-        """Go on until it has; False: it has not within so many seconds."""
+        """Continue until it has happened; return False if it has not within this many seconds."""
         end_s = self.now_s + seconds
         while not happened():
             if self.now_s > end_s:
@@ -161,17 +161,17 @@ class OfflineStory:
         return True
 
     def wait(self, seconds: float) -> None:
-        """Go on for so long."""
+        """Continue for this many seconds."""
         self.until(lambda: False, seconds)
 
     def learned(self) -> bool:
-        """The watch knows the stage, and has nothing to say of it."""
+        """Return whether the watch knows the stage and reports nothing about it."""
         return self.watch.health > 0.0 and not self.watch.mismatch
 
     # -- the doctor -------------------------------------------------------------------------------
 
     def open_case(self) -> Path | None:
-        """The newest case that is complete and not examined."""
+        """Return the newest case that is complete and not examined."""
         found = [
             f
             for f in cases.case_folders(self.config.watch_directory)
@@ -180,13 +180,13 @@ class OfflineStory:
         return found[-1] if found else None
 
     def examine(self, folder: Path) -> Examined:
-        """What the doctor says of it."""
+        """Return the doctor's result for a case."""
         found = examine(folder)
         cases.put_record(folder, cases.EXAMINED, found)
         return found
 
     def accept(self, folder: Path, seconds: float) -> tuple[str, str]:
-        """(what became of the offer, in words)."""
+        """Accept the offer of a case; return (result of the offer, in words)."""
         case, found = (
             cases.get_record(folder, name, kind)
             for name, kind in ((cases.CASE, Case), (cases.EXAMINED, Examined))
@@ -204,7 +204,7 @@ class OfflineStory:
         return over[-1][1:] if self.until(is_over, seconds) else ("trial", "")
 
     def rms(self, first_s: float, end_s: float) -> float:
-        """Of measured minus target between two times."""
+        """Return the rms of measured minus target between two times."""
         period_s = self.rig.period_ns * 1e-9
         samples = np.array(
             self.rig.records[max(0, round(first_s / period_s)) : round(end_s / period_s)], TELEMETRY

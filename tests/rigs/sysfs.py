@@ -1,4 +1,4 @@
-"""Devices as files laid out like sysfs, and one kernel file whose owner can go."""
+"""Devices as files laid out like sysfs, and one kernel file whose owner can disappear."""
 
 import subprocess
 import sys
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def lay_out(folder: Path, files: dict[str, str]) -> Path:
-    """A device's folder with its files, each with a newline behind its text."""
+    """Create a device's folder with its files, each ending with a newline."""
     folder.mkdir(exist_ok=True)
     for name, text in files.items():
         (folder / name).write_text(text + "\n")
@@ -14,7 +14,7 @@ def lay_out(folder: Path, files: dict[str, str]) -> Path:
 
 
 def take_away(folder: Path) -> None:
-    """The device goes: its folder is not there, and who has a file open finds nothing in it."""
+    """Remove the device: its folder is gone, and open files become empty."""
     gone = folder.with_name(folder.name + ".gone")
     folder.rename(gone)
     for file in gone.glob("*_raw"):
@@ -23,7 +23,7 @@ def take_away(folder: Path) -> None:
 
 
 def put_back(folder: Path) -> None:
-    """The device comes back as it was."""
+    """Restore the device as it was."""
     gone = folder.with_name(folder.name + ".gone")
     for kept in gone.glob("*.kept"):
         (gone / kept.name.removesuffix(".kept")).write_text(kept.read_text())
@@ -33,7 +33,7 @@ def put_back(folder: Path) -> None:
 
 class KernelFile:
     """A number that the kernel keeps for a process (oom_score_adj, 0 to 1000 here): read and
-    written like an attribute in sysfs, refused above 1000, an error once the process has gone."""
+    written like an attribute in sysfs, refused above 1000, an error once the process has ended."""
 
     def __init__(self) -> None:
         self._owner = subprocess.Popen(
@@ -43,7 +43,7 @@ class KernelFile:
         self.path.write_text("0")
 
     def end(self) -> None:
-        """The owner goes; safe to call twice."""
+        """End the owner; safe to call twice."""
         assert self._owner.stdin is not None
         self._owner.stdin.close()
         self._owner.wait()

@@ -1,4 +1,4 @@
-"""The checks of an amplifier's log: each finds what it is there to find, and nothing else."""
+"""Tests of the checks of an amplifier's log: each finds what it should, and nothing else."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_two_steps_that_come_together_are_found_though_each_is_small_enough() ->
 def test_slow_gain_on_the_limit_is_found_over_a_long_window() -> None:
     time_ns = np.arange(200) * 10 * MS
     with pytest.raises(AssertionError, match="199 writes"):
-        check_speed(time_ns, np.arange(200) * 10.2, 1000.0, 11.0)  # 2 % too fast, all the time
+        check_speed(time_ns, np.arange(200) * 10.2, 1000.0, 11.0)  # 2 % too fast, continuously
 
 
 def test_one_jump_is_found_and_a_late_write_is_not() -> None:

@@ -1,5 +1,5 @@
-"""Trials of offered models at speed: simulated stage, controller and trial in this process, on a
-clock of samples. The stage has a lag that the model in use lacks, and moves by another amount."""
+"""Trials of offered models at high speed: simulated stage, controller and trial in this process, on
+a clock of samples. The stage has a lag that the model in use lacks, and a different gain."""
 
 import os
 import signal
@@ -37,11 +37,11 @@ sensor = {{driver = "simulated"}}
 limits = {{min_v = {low}, max_v = {high}, slew_v_per_s = {slew}}}
 doctor = {{trial_s = {trial_s}, trial_limit_s = {most_s}}}
 """
-MIDDLE, HALF = 7.5, 4.0  # um: what the motions cover
+MIDDLE, HALF = 7.5, 4.0  # um: the range of the motions
 
 
 def scaled(by: float, lag: bool = False) -> Model:
-    """The stage's own model with another gain; lag: with the stage's lag as a block."""
+    """Return the stage's own model with another gain; lag: with the stage's lag as a block."""
     model = kept_model()
     blocks = (Block("lag", "drive", {"tau_s": LAG_S}),) if lag else ()
     h = replace(model.hysteresis, c=model.hysteresis.c * by)
@@ -54,22 +54,22 @@ def setpoints(t: float) -> float:
 
 
 def holds(t: float) -> float:
-    """Another place every 6 s."""
+    """A different place every 6 s."""
     return MIDDLE + HALF * float(np.random.default_rng(int(t // 6.0)).uniform(-1, 1))
 
 
 def steps(t: float) -> float:
-    """To and fro, a step every 0.5 s."""
+    """Back and forth, a step every 0.5 s."""
     return MIDDLE + HALF * (1.0 if int(t / 0.5) % 2 else -1.0)
 
 
 def small_steps(t: float) -> float:
-    """A tenth of them."""
+    """Steps of a tenth of that size."""
     return MIDDLE + 0.1 * (steps(t) - MIDDLE)
 
 
 def rest(t: float) -> float:
-    """Nowhere."""
+    """No motion."""
     return MIDDLE
 
 
@@ -81,11 +81,11 @@ def raster(t: float) -> float:
 
 Motion = Callable[[float], float]
 SET: dict[str, Motion] = {"set-points": setpoints, "holds": holds, "steps": steps}
-"""Moved by set-points; a raster is played as a trajectory."""
+"""Motions by set-points; a raster is played as a trajectory."""
 
 
 class TrialRig:
-    """One stage on which a model is put on trial. Use within `reloads`."""
+    """One stage on which a model is tried. Use within `reloads`."""
 
     def __init__(
         self,
@@ -116,7 +116,7 @@ class TrialRig:
         self.begun_s = 0.0
 
     def start_gateway(self) -> None:
-        """A trial that knows of the one before it by the run folder alone."""
+        """Start a new trial that knows the previous one only through the run folder."""
         self.trial = ModelTrial(self.config, lambda: (os.getpid(), self.running), self.history.get)
         self.trial.resume()
 
@@ -127,16 +127,16 @@ class TrialRig:
 
     @property
     def now_s(self) -> float:
-        """Of the samples."""
+        """The time of the samples."""
         return len(self.rig.records) / RATE_HZ
 
     @property
     def clock_ns(self) -> int:
-        """As the trial is reported: the samples' time, from when it was put to work."""
+        """The clock that the trial sees: the samples' time since it was started."""
         return self._zero_ns + round((self.now_s - self.begun_s) * clock.NS)
 
     def go_on(self, motion: Motion, played: bool = False) -> None:
-        """One batch of samples."""
+        """Run one batch of samples."""
         if self.reload_asked:
             self.reload_asked = False
             model, *_ = choose_model(self.config)
@@ -150,8 +150,8 @@ class TrialRig:
         self.trial.see(samples)
 
     def _setpoint(self, motion: Motion) -> np.ndarray:
-        """What a client sends that sends where the place is another one, but not while the stage is
-        on its way to the first."""
+        """Return the set-point of a client that sends one when the place changes, but not during
+        the approach to the first."""
         place = motion(self.now_s)
         flags = int(self.rig.records[-1]["flags"]) if self.rig.records else 0
         if place == self._asked or (flags & int(Flag.APPROACH) and self._asked is not None):
@@ -173,13 +173,13 @@ class TrialRig:
         return batch
 
     def go(self, motion: Motion, seconds: float, played: bool = False) -> None:
-        """For this long."""
+        """Run for this long."""
         end_s = self.now_s + seconds
         while self.now_s < end_s:
             self.go_on(motion, played)
 
     def offer(self, model: Model, promise: tuple[float, float] = (0.6, 0.05)) -> None:
-        """Put it on trial."""
+        """Put a model on trial."""
         folder = self.folder / "mismatch-1.case"
         folder.mkdir(exist_ok=True)
         save_model(model, folder / cases.OFFERED)
@@ -188,7 +188,7 @@ class TrialRig:
         self.trial.begin("mismatch-1", 1, folder, tested)
 
     def until_over(self, motion: Motion, played: bool, most_s: float) -> Over | None:
-        """What became of it; None: it was not over by then."""
+        """Return the result of the trial; None if it was not over by then."""
         end_s = self.now_s + most_s
         while self.now_s < end_s:
             self.go_on(motion, played)
@@ -198,14 +198,14 @@ class TrialRig:
         return None
 
     def largest_step_v(self) -> float:
-        """Of the written voltage, from sample to sample."""
+        """Return the largest step of the written voltage from sample to sample."""
         volts: Floats = np.array([float(r["volts"]) for r in self.rig.records])
         return float(np.abs(np.diff(volts)).max())
 
 
 @contextmanager
 def reloads(rig: TrialRig) -> Iterator[TrialRig]:
-    """The rig is the loop that SIGHUP asks."""
+    """Make the rig the loop that receives SIGHUP."""
 
     def ask(*_: object) -> None:
         rig.reload_asked = True

@@ -1,4 +1,5 @@
-"""A trimmed stage whose loop dies, or whose gauge is wrong, and how far from its target it ends."""
+"""A trimmed stage whose loop dies, or whose gauge is wrong, and its final distance from the
+target."""
 
 import numpy as np
 from tests.rigs.stage_model import kept_model
@@ -8,7 +9,7 @@ from dehyst.daemon.rings.records import Flag
 from dehyst.drivers.simulated.settings import StageSettings
 
 RATE_HZ = 200.0
-ON_TARGET_UM = 0.03  # a noise and a half: what the loop attains without a fault
+ON_TARGET_UM = 0.03  # one and a half times the noise: what the loop attains without a fault
 
 
 def rig(seed: int = 1) -> TrimmedStage:
@@ -17,7 +18,7 @@ def rig(seed: int = 1) -> TrimmedStage:
 
 
 def wander(one: TrimmedStage, seconds: float, seed: int) -> None:
-    """Places anywhere in the reach."""
+    """Visit random places in the reach."""
     rng = np.random.default_rng(seed)
     low, high = one.reach
     for _ in range(round(seconds / 0.5)):
@@ -25,12 +26,12 @@ def wander(one: TrimmedStage, seconds: float, seed: int) -> None:
 
 
 def die(one: TrimmedStage) -> None:
-    """The loop's process dies; the next one knows the newest past alone, but for 0.2 s."""
+    """Let the loop's process die; the next one knows the recent past except the last 0.2 s."""
     one.reload(kept_model(), unseen=40)
 
 
 def drift(one: TrimmedStage, um: float, seconds: float) -> None:
-    """At a set-point, the gauge drifts by so much; then it reads the truth again."""
+    """Let the gauge drift by this much at a set-point; then it reads the truth again."""
     low, high = one.reach
     place = 0.5 * (low + high)
     one.go(place, 5.0)
@@ -39,7 +40,7 @@ def drift(one: TrimmedStage, um: float, seconds: float) -> None:
 
 
 def error_um(one: TrimmedStage, off: float = 0.0) -> float:
-    """Mean distance from the target in the last second; off: of the gauge."""
+    """Return the mean distance from the target in the last second; off: error of the gauge."""
     n = round(RATE_HZ)
     return float(np.mean(one.true_um[-n:] + off - one.telemetry["target"][-n:]))
 

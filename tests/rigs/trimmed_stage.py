@@ -1,5 +1,5 @@
-"""A controller on the simulated stage in this process, sample by sample in virtual time: with
-trim, with learned corrections, and with faults of the gauge."""
+"""A controller on the simulated stage in this process, sample by sample in virtual time: with trim,
+with learned corrections, and with faults of the gauge."""
 
 from collections.abc import Callable, Collection
 from typing import Any
@@ -31,12 +31,12 @@ trim = {{enabled = {trim}}}
 """
 
 Tamper = Callable[["TrimmedStage", float], float]
-"""(rig, reading) -> what the loop is reported; may change the stage too."""
+"""(rig, reading) -> the reading that the loop gets; may also change the stage."""
 
 
 class TrimmedStage:
-    """One controller and its stage. `records`: (n,) TELEMETRY of all samples; `true_um`: (n,) where
-    the stage was when each was read."""
+    """One controller and its stage. `records`: (n,) TELEMETRY of all samples; `true_um`: (n,) true
+    position of the stage at each reading."""
 
     def __init__(
         self,
@@ -69,14 +69,14 @@ class TrimmedStage:
         self.true: list[float] = []
 
     def tick(self, commands: np.ndarray, tamper: Tamper | None = None) -> None:
-        """One sample: read, step, write, a period passes."""
+        """Run one sample: read, step, write, let a period pass."""
         stepper = self.stepper
         reading = self.stage.reading_um()
         self.true.append(self.stage.displacement_um)
         if tamper is not None:
             reading = tamper(self, reading)
         if self.records and self.records[-1] is None:
-            stepper.follow_output(stepper.volts)  # the model knows of the time that passed
+            stepper.follow_output(stepper.volts)  # the model accounts for the time that passed
         record = stepper.step(self.now_ns, reading, commands)[0].copy()
         record["seq"], record["scheduled_ns"] = len(self.records), self.now_ns
         self.records.append(record)
@@ -85,8 +85,8 @@ class TrimmedStage:
         self.now_ns += self.period_ns
 
     def reload(self, model: Model, unseen: int = 0) -> None:
-        """Another model, as the loop takes it: led along the past output, but for the newest
-        samples, which pass while it is led."""
+        """Load another model as the loop does: replay the past output on it, except the newest
+        samples, which pass during the replay."""
         period_s = self.period_ns * 1e-9
         compensator = Compensator(model, period_s, LOW_V, HIGH_V, self._slew)
         seen = len(self.records) - unseen
@@ -99,14 +99,14 @@ class TrimmedStage:
         self.stepper.trim_setting[:] = trim_setting(self._config, model, most - least)
 
     def skip(self) -> None:
-        """A sample that the loop missed: a period passes under the voltage before."""
+        """Miss a sample: a period passes under the previous voltage."""
         self.records.append(None)
         self.true.append(self.stage.displacement_um)
         self.stage.advance(self.period_ns * 1e-9)
         self.now_ns += self.period_ns
 
     def go(self, um: float, seconds: float, tamper: Tamper | None = None) -> None:
-        """To a set-point, and stay."""
+        """Go to a set-point and stay there."""
         command = np.zeros(1, COMMAND)
         command["kind"], command["value"] = LoopCommand.SETPOINT, um
         for i in range(round(seconds * 1e9 / self.period_ns)):
@@ -119,7 +119,8 @@ class TrimmedStage:
         tamper: Tamper | None = None,
         number: int = 1,
     ) -> slice:
-        """A whole trajectory, a point a period, after the approach: which samples are its own."""
+        """Play a whole trajectory, a point a period, after the approach; return the slice of its
+        samples."""
         player = Player(self, number)
         return player.play(target, correction, tamper, last=True)
 
@@ -146,7 +147,8 @@ class Player:
         last: bool = False,
         missed: Collection[int] = (),
     ) -> slice:
-        """The next piece; which samples are its own. missed: places in it that the loop misses."""
+        """Play the next piece; return the slice of its samples. missed: indices in it that the loop
+        misses."""
         rig, n = self.rig, target.size
         batch = np.zeros(n, COMMAND)
         batch["kind"], batch["trajectory"] = LoopCommand.POINT, self.number

@@ -1,5 +1,5 @@
 """Several axes in virtual time on one clock, run by either engine; each on a simulated stage of its
-own unless a test gives other devices or models."""
+own unless a test passes other devices or models."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -21,7 +21,8 @@ def group_points(
     last: bool = False,
     trajectory: int = 5,
 ) -> np.ndarray:
-    """Points of a trajectory that `members` axes play together, one a period, from `first` on."""
+    """Return points of a trajectory that `members` axes play together, one a period, from `first`
+    on."""
     batch = np.zeros(len(values), COMMAND)
     batch["kind"], batch["trajectory"] = LoopCommand.POINT, trajectory
     batch["group"], batch["members"] = group, members
@@ -43,8 +44,8 @@ class Trio:
         blocks: Mapping[str, tuple[Block, ...]] | None = None,
         origins: Mapping[str, float] | None = None,
     ) -> None:
-        """blocks: by axis, of its model; those whose channel is `axis.y` or `axis.y.drive` follow
-        that axis; origins: by axis, its model's displacement at set-point 0."""
+        """blocks: of the model of each axis; those whose channel is `axis.y` or `axis.y.drive`
+        follow that axis; origins: of each axis, its model's displacement at set-point 0."""
         blocks, origins = blocks or {}, origins or {}
         self.rigs = {
             a: Rig(f"{prefix}-{a}", mode, blocks=blocks.get(a, ()), origin=origins.get(a, 0.0))
@@ -64,7 +65,8 @@ class Trio:
     def play(
         self, commands: Mapping[str, np.ndarray], samples: int, compiled: bool = False
     ) -> dict[str, np.ndarray]:
-        """Push commands to axes, run so many samples: each axis' telemetry of these samples."""
+        """Push commands to axes, run this many samples; return each axis' telemetry of these
+        samples."""
         first, *others = [rig.monitor for rig in self.rigs.values()]
         if compiled:
             runner: CompiledLoop | PythonLoop = CompiledLoop(first, beside=others)
@@ -84,5 +86,5 @@ class Trio:
         return {axis: rig.rings["telemetry"].read(begun)[0] for axis, rig in self.rigs.items()}
 
     def events(self, axis: str) -> list[str]:
-        """What an axis said."""
+        """Return what an axis reported."""
         return [row["text"].decode() for row in self.rigs[axis].rings["event"].read(0)[0]]

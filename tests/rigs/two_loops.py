@@ -1,5 +1,5 @@
-"""A controller in virtual time, run by either engine in this process; on the simulated stage
-unless a test gives it other devices."""
+"""A controller in virtual time, run by either engine in this process; on the simulated stage unless
+a test passes other devices."""
 
 import weakref
 from collections.abc import Iterable
@@ -23,7 +23,7 @@ from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 
 PERIOD_NS = 1_000_000
-LOOK_NS = 700  # what one look at the clock costs in virtual time
+LOOK_NS = 700  # cost of one clock reading in virtual time
 CONFIG = """
 name = "two"
 [model]
@@ -55,17 +55,17 @@ def model(tau_s: float = 0.0, blocks: tuple[Block, ...] = ()) -> Model:
 
 
 def setpoint(um: float) -> np.ndarray:
-    """One command: go to this displacement."""
+    """Return one command: go to this displacement."""
     batch = np.zeros(1, COMMAND)
     batch["kind"], batch["value"] = LoopCommand.SETPOINT, um
     return batch
 
 
 class VirtualClock:
-    """A clock that moves by LOOK_NS a look and wakes sleepers late by a given pattern."""
+    """A clock that advances by LOOK_NS per reading and wakes sleepers late by a given pattern."""
 
     def __init__(self, lateness_ns: Iterable[int]) -> None:
-        self.cell = np.zeros(1, np.int64)  # the time, where a device in C may look at it
+        self.cell = np.zeros(1, np.int64)  # the time, where a C device can read it
         self._late, self._sleeps = list(lateness_ns), 0
 
     @property
@@ -87,7 +87,7 @@ class VirtualClock:
         return self.now_ns
 
     def words(self) -> np.ndarray:
-        """The same clock for the compiled engine."""
+        """Return the same clock for the compiled engine."""
         return np.array([self.now_ns, LOOK_NS, 0, *self._late])
 
 
@@ -95,7 +95,8 @@ _links: "weakref.WeakSet[DeviceLink]" = weakref.WeakSet()
 
 
 def end_links() -> None:
-    """Close the devices of every rig: no thread of a test reconnects a device of the next one."""
+    """Close the devices of every rig, so that no thread of a test reconnects a device of the next
+    one."""
     for link in list(_links):
         link.close()
     _links.clear()
@@ -147,7 +148,7 @@ class Rig:
         self.words = self.clock.words()
 
     def play(self, batches: list[np.ndarray], samples_each: int, compiled: bool) -> np.ndarray:
-        """Push each batch, run so many samples after it; all telemetry records."""
+        """Push each batch and run this many samples after it; return all telemetry records."""
         total = self.monitor.samples
         if compiled:
             runner: CompiledLoop | PythonLoop = CompiledLoop(self.monitor)

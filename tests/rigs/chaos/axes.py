@@ -1,8 +1,8 @@
-"""The faults of the chaos tests that only several axes have: what is done to one, what all share.
+"""The faults of the chaos tests that only several axes have: faults of one axis, faults of all.
 
-As in faults: each one is done to a running rig (AxesRig: x and y play, z stands), says what
-happened, and raises AssertionError where the daemon does not do what it must. That z never moves
-and that y keeps to range and slew is checked by the rig behind each of them.
+As in faults: each one is applied to a running rig (AxesRig: x and y play, z rests), returns what
+happened, and raises AssertionError if the daemon does not do what it must. After each of them the
+rig checks that z never moved and that y kept to range and slew.
 """
 
 import time
@@ -32,7 +32,8 @@ def _check_x_undisturbed(rig: AxesRig) -> None:
 
 @contextmanager
 def _y_alone(rig: AxesRig) -> Iterator[Client]:
-    """A client of the test's own commands y; the one that played it is away meanwhile."""
+    """Yield a client of the test's own that commands y; the one that played it is stopped
+    meanwhile."""
     rig.end_beside()
     try:
         with Client("chaos-y", rig.address, label="test") as client:

@@ -1,7 +1,7 @@
 """The rig of the chaos tests with three axes on one amplifier.
 
-x is what the faults of one axis are done to, as to the rig of one axis; y plays a trajectory of its
-own beside it; z stands where its safe state is and nobody commands it. The amplifier's log says of
+The faults of one axis are applied to x, as in the rig of one axis; y plays a trajectory of its own
+at the same time; z rests in its safe state and nobody commands it. The amplifier's log shows for
 each channel whether it stayed within range and slew, and that z never moved.
 """
 
@@ -33,10 +33,10 @@ from tests.rigs.output import check_range, check_speed, during
 from dehyst.daemon.rings.records import Flag, State
 
 AXES, RESTING, REST_V = "xyz", "z", 30.0
-LASTS_S = 1200.0  # one trajectory: it ends in none of the rows
-MOST_UM_PER_S = 20.0  # of the trajectory's target: 17.3, and rounding
-CALM_NS = 3_000_000_000  # a client that is to begin anew has done so by then
-MOST_SILENT_S = 0.5  # between two moves of a channel that plays on, on a busy machine
+LASTS_S = 1200.0  # one trajectory: it outlasts every row
+MOST_UM_PER_S = 20.0  # of the trajectory's target: 17.3, rounded up
+CALM_NS = 3_000_000_000  # a client that has to start again has done so by then
+MOST_SILENT_S = 0.5  # between two moves of an undisturbed channel, on a busy machine
 UNDISTURBED: tuple[Callable[..., str], ...] = (
     faults.kill_client,
     faults.stop_client,
@@ -53,7 +53,7 @@ UNDISTURBED: tuple[Callable[..., str], ...] = (
     commands.flood,
     commands.stranger_floods,
 )
-"""What is done to x alone: y plays on without a gap."""
+"""Faults of x alone: y plays on without a gap."""
 
 CONFIG = """
 name = "chaos"
@@ -71,7 +71,7 @@ sensor = {{driver = "ksg101", settings = {{port = "{port}"}}}}
 
 
 class AxesRig(Rig):
-    """Everything, running, with three axes. What Rig says of the output is said of x."""
+    """The complete running rig with three axes. What Rig says of the output applies to x."""
 
     name = "chaos-x"
     commanded = ("chaos-x", "chaos-y")
@@ -102,7 +102,7 @@ class AxesRig(Rig):
         return self.folder / "run" / "x" / "mismatch"
 
     def run(self) -> None:
-        """As Rig: x and y play, z has been brought to its place."""
+        """Start as Rig does: x and y play, z has been brought to its place."""
         super().run()
         for axis in "yz":
             client = until(lambda a=axis: self._connect(f"chaos-{a}"), 30.0, f"axis {axis}")
@@ -121,34 +121,34 @@ class AxesRig(Rig):
         self.beside = self._start(command, "beside")
 
     def end_beside(self) -> None:
-        """Kill it."""
+        """Kill the client that commands y."""
         assert self.beside is not None
         self.beside.kill()
         self.beside.wait(5.0)
         self.beside = None
 
     def volts(self, axis: str) -> float:
-        """At an output, now."""
+        """Return the present voltage at an output."""
         return float(self.bench_order()["axes"][axis]["output_v"])
 
     def record(self, path: Path, *arguments: str, name: str = "record") -> Any:
-        """Of x."""
+        """Record x."""
         return super().record(path, "--name", self.name, *arguments, name=name)
 
     def until_running(self, seconds: float = 30.0) -> None:
-        """Both trajectories."""
+        """Wait until both trajectories run."""
         super().until_running(seconds)
         if self.beside is not None:
             until(lambda: self._plays("y"), seconds, f"y plays too\n{self.words('run')[-2000:]}")
 
     def mark(self) -> None:
-        """Not before the clients have seen whatever came before, and have begun anew."""
+        """Set the mark, after the clients have seen all earlier events and have started again."""
         for axis in "xy":
             until(lambda a=axis: self._plays(a, CALM_NS), 60.0, f"{axis} plays as ever")
         super().mark()
 
     def _plays(self, axis: str, calm_ns: int = 0) -> bool:
-        """Whether it follows its trajectory, and has for so long."""
+        """Return whether an axis follows its trajectory, and has done so for calm_ns."""
         now_ns = time.monotonic_ns()
         samples = samples_since(now_ns - 1_000_000_000 - calm_ns, self.heard(axis))
         if not samples.size:
@@ -157,27 +157,28 @@ class AxesRig(Rig):
         way_there = samples["flags"] & Flag.APPROACH
         return bool(np.all(samples["state"] == State.RUNNING) and not np.any(way_there))
 
-    # -- what the log of each channel says ------------------------------------------------------
+    # -- what the log of each channel shows -----------------------------------------------------
 
     def channel(self, axis: str) -> tuple[np.ndarray, np.ndarray]:
-        """(time_ns, volts) of a channel since the rig began, from the amplifier's own log."""
+        """Return (time_ns, volts) of a channel since the rig began, from the amplifier's own
+        log."""
         self.bench_order(save=True)
         head = "" if axis == AXES[0] else f"{axis}_"
         with np.load(self.log) as data:
             return data[f"{head}time_ns"], data[f"{head}volts"]
 
     def heard(self, axis: str) -> list[np.ndarray]:
-        """Batches of telemetry of an axis."""
+        """Return the batches of telemetry of an axis."""
         listener = self.listener if axis == "x" else self.others[axis]
         assert listener is not None
         return listener.samples
 
     def samples_of(self, axis: str) -> np.ndarray:
-        """Telemetry of an axis since the mark."""
+        """Return the telemetry of an axis since the mark."""
         return samples_since(self.fault_ns, self.heard(axis))
 
     def check_rested(self) -> None:
-        """z, which nobody commands, has not moved since it was brought to its place."""
+        """Check that z, which nobody commands, has not moved since it was brought to its place."""
         time_ns, volts = self.channel(RESTING)
         moved = np.flatnonzero(time_ns > self.rested_ns)
         assert moved.size == 0, (
@@ -186,21 +187,21 @@ class AxesRig(Rig):
         )
 
     def check_channel(self, axis: str) -> None:
-        """Range and slew since the mark."""
+        """Check range and slew since the mark."""
         time_ns, volts = during(*self.channel(axis), self.fault_ns)
         check_range(volts, 0.0, MAX_V)
         check_speed(time_ns, volts, SLEW, SLEW / RATE_HZ)
 
     def check_undisturbed(self, axis: str) -> None:
-        """An axis has played on: every sample, every one in its trajectory, its target where the
-        trajectory goes, and its output moving all the time."""
+        """Check that an axis was undisturbed: no sample is missing, every one is in its trajectory,
+        the target follows the trajectory, and the output never stops moving."""
         samples = self.samples_of(axis)
         assert samples.size, f"no telemetry of {axis}"
         assert set(np.diff(samples["seq"])) <= {1}, f"telemetry of {axis} has a gap"
         states = {State(int(s)).name for s in np.unique(samples["state"])}
         assert states == {"RUNNING"}, f"{axis} was disturbed: {states}"
         assert not np.bitwise_or.reduce(samples["flags"]) & Flag.APPROACH, f"{axis} began anew"
-        way = np.abs(np.diff(samples["target"]))  # by the clock, where a deadline was missed
+        way = np.abs(np.diff(samples["target"]))  # by the clock, in case a deadline was missed
         most = MOST_UM_PER_S * np.diff(samples["scheduled_ns"]) * 1e-9
         assert np.all(way <= most), f"the target of {axis} jumped by {np.nanmax(way):.3f} um"
         time_ns, _ = during(*self.channel(axis), self.fault_ns)
@@ -208,7 +209,8 @@ class AxesRig(Rig):
         assert silent_s < MOST_SILENT_S, f"the output of {axis} stood still for {silent_s:.2f} s"
 
     def judge(self, fault: Callable[..., str]) -> None:
-        """z has not moved; y kept to its limits, and played on where x alone was meant."""
+        """Check that z has not moved, and that y kept to its limits and, for faults of x alone,
+        played on."""
         self.check_rested()
         self.check_channel("y")
         if fault in UNDISTURBED:

@@ -1,7 +1,7 @@
-"""The faults of the chaos tests that clients do: wrong, old, huge and far too many commands.
+"""The faults of the chaos tests that clients cause: wrong, old, huge and far too many commands.
 
-As in chaos_faults: each one is done to a running rig, says what happened, and raises
-AssertionError where the daemon does not do what it must.
+As in chaos_faults: each one is applied to a running rig, returns what happened, and raises
+AssertionError if the daemon does not do what it must.
 """
 
 import subprocess
@@ -26,8 +26,8 @@ from dehyst.models.errors import DehystError
 
 FLOODERS = 3
 EXCUSES = ("stall", "steal", "suspended", "preempted", "driver_io")
-"""Causes of missed deadlines that are not the daemon's but the machine's, or the emulated
-amplifier's, which shares the processor with the flood."""
+"""Causes of missed deadlines that are not the daemon's fault but the machine's, or that of the
+emulated amplifier, which shares the processor with the flood."""
 
 
 def two_clients(rig: Rig) -> str:
@@ -48,7 +48,7 @@ def two_clients(rig: Rig) -> str:
 
 @contextmanager
 def alone(rig: Rig) -> Iterator[Client]:
-    """A client of the test's own that holds the lease; the mover is away meanwhile."""
+    """Yield a client of the test's own that holds the lease; the mover is stopped meanwhile."""
     assert rig.mover is not None
     rig.kill("client")
     rig.mover.wait(5.0)
@@ -93,7 +93,7 @@ def bad_setpoints(rig: Rig) -> str:
                 payload = encoding.encode(_like(good, **{**fresh, **changes}))
                 if name == "other schema":
                     payload = payload.replace(b"dehyst.setpoint", b"dehyst.setpoing")
-                sender.put(payload)  # again, as a set-point on the bus may be lost
+                sender.put(payload)  # sent twice, because a set-point on the bus may be lost
                 time.sleep(0.2)
                 return code in rig.refusals()
 
@@ -101,7 +101,7 @@ def bad_setpoints(rig: Rig) -> str:
             _none_followed(rig)
         rig.mark_fault()
         client._sequence = 10**5
-        client.send(6.0)  # and the right one is still taken
+        client.send(6.0)  # a valid one is still accepted
         until(lambda: rig.target() == 6.0, 10.0, "the good one is followed")
         _none_followed(rig)
     codes = dict.fromkeys(code for code, _ in cases.values())
@@ -109,7 +109,7 @@ def bad_setpoints(rig: Rig) -> str:
 
 
 def _none_followed(rig: Rig) -> None:
-    """No target since the mark is one of the refused ones, which are 9 um and more."""
+    """Check that no target since the mark is one of the refused ones, which are 9 um and more."""
     until(lambda: rig.samples().size, 10.0, "telemetry")
     targets = rig.samples()["target"]
     followed = targets[targets > 8.9]  # NaN while nothing is followed
@@ -151,7 +151,7 @@ def flood(rig: Rig, seconds: float = 5.0, processes: int = FLOODERS) -> str:
                     assert refusal.code == "lease-taken"  # noqa: PT017
                 else:
                     raise AssertionError("the lease is lost")
-                second.stop()  # answered in the midst of it
+                second.stop()  # answered in the middle of it
 
         said = _flooded(
             rig, client.client, client._lease, seconds, processes, stop_in_the_midst, client.renew
@@ -194,7 +194,8 @@ def _flooded(
     during: Callable[[], None],
     meanwhile: Callable[[], None] = lambda: None,
 ) -> str:
-    """Set-points in this client's name from several processes; what was offered, in words."""
+    """Send set-points in this client's name from several processes; return in words what was
+    sent."""
     key = rig.client.keys.pubsub(subject(SETPOINT, rig.client.unit), str(client))
     script = str(ROOT / "tests" / "rigs" / "chaos" / "flood.py")
     arguments = [rig.address, key, str(client), str(lease), str(seconds)]
@@ -210,7 +211,7 @@ def _flooded(
     try:
 
         def begun() -> bool:
-            meanwhile()  # the processes take their time to start
+            meanwhile()  # the processes take a while to start
             return _of(rig.status()) > _of(before) + 2000
 
         until(begun, 60.0, "the flood")
@@ -240,7 +241,7 @@ def _flooded(
 
 
 def _of(status: Status) -> int:
-    """Commands that the gateway has decided on or thrown away."""
+    """Return the number of commands that the gateway has decided on or discarded."""
     return status.gateway.commands + status.gateway.rejected.get("flood", 0)
 
 

@@ -1,7 +1,7 @@
-"""The faults of the chaos tests: each one is done to a running rig and says what happened.
+"""The faults of the chaos tests: each one is applied to a running rig and returns what happened.
 
-A fault function raises AssertionError where the daemon does not do what it must. Range and slew
-of the output are checked by the caller, from the amplifier's own log, for all of them.
+A fault function raises AssertionError if the daemon does not do what it must. For all of them, the
+caller checks range and slew of the output with the amplifier's own log.
 """
 
 import os
@@ -114,7 +114,7 @@ def hang_core(rig: Rig) -> str:
     until(lambda: not lives(pid), 20.0, "the hanging process is killed")
     killed_ns = time.monotonic_ns()
     until(lambda: "core hangs; killing it" in rig.words("run"), 5.0, "the same in words")
-    rig.check_held(begun_ns, killed_ns - 50 * STEP_NS)  # it is seen a while after it happened
+    rig.check_held(begun_ns, killed_ns - 50 * STEP_NS)  # detected some time after it happened
     until(lambda: rig.status().gateway.restarts_of_core > restarts, 60.0, "the core is back")
     rig.check_ramped(begun_ns)
     return f"killed after {(killed_ns - begun_ns) * 1e-9:.0f} s, ramped to {SAFE_V:g} V, restarted"
@@ -135,7 +135,7 @@ def hang_gateway(rig: Rig) -> str:
 
 @contextmanager
 def stopped(rig: Rig, name: str) -> Iterator[None]:
-    """SIGSTOP within, SIGCONT behind."""
+    """Send SIGSTOP at the beginning of the block and SIGCONT at its end."""
     pid = rig.kill(name, signal.SIGSTOP)
     try:
         yield
@@ -144,11 +144,11 @@ def stopped(rig: Rig, name: str) -> Iterator[None]:
 
 
 def check_glide(rig: Rig, stop: Callable[[], None]) -> None:
-    """While `stop` runs nothing moves the output; behind it the output glides: no step is larger
-    than the ramp's, beside what the trajectory itself needs.
+    """Check that nothing moves the output while `stop` runs, and that the output then glides: no
+    step is larger than the ramp's plus what the trajectory itself needs.
 
-    Once more where there was nothing to glide: the trajectory came by chance back to where it had
-    been, or the mover had given it up and begun another one, which is approached.
+    Repeated if there was nothing to glide: the trajectory happened to return to its earlier place,
+    or the mover had given it up and begun another one, which is approached.
     """
     for _ in range(8):
         rig.until_running()
@@ -200,7 +200,7 @@ def stop_client(rig: Rig, seconds: float = 5.0) -> str:
     begun_ns = time.monotonic_ns()
     with stopped(rig, "client"):
         time.sleep(seconds)
-        rig.until_event("run dry", 5.0)  # what was sent ahead lasts 3 s
+        rig.until_event("run dry", 5.0)  # points sent ahead last 3 s
         rig.until_state(State.READY, 10.0)
     resumed_ns = time.monotonic_ns()
     rig.check_held_then_ramped(begun_ns)
@@ -352,8 +352,8 @@ def file_limit(rig: Rig) -> str:
 
 
 def until_flagged(rig: Rig, text: str) -> None:
-    """The reading stands still, again and again, until the watch says this: one that has just begun
-    to learn is not sure yet."""
+    """Freeze the reading repeatedly until the watch reports this text: a watch that has just begun
+    to learn is not certain yet."""
     for _ in range(8):
         rig.bench_order(fault="stuck", for_s=9.0)
         end = time.monotonic() + 12.0
@@ -375,7 +375,7 @@ def disk_read_only(rig: Rig) -> str:
             kept.rename(own)
         kept.symlink_to(disk)
         try:
-            # what the kernel does when the disk fails: read-only at once, open files included
+            # the kernel does this when the disk fails: read-only at once, including open files
             subprocess.run(["mount", "-o", "remount,abort", str(disk)], check=True)
             assert process.wait(30.0) == 2
             words = rig.words("record-ro").strip().splitlines()
@@ -399,7 +399,7 @@ def disk_read_only(rig: Rig) -> str:
 
 @contextmanager
 def journalled_disk() -> Iterator[Path]:
-    """An ext4 file system of 4 MB in a file. Needs the right to mount, and mkfs.ext4."""
+    """Yield an ext4 file system of 4 MB in a file. Needs the right to mount, and mkfs.ext4."""
     with tempfile.TemporaryDirectory(prefix="dehyst-disk-") as folder:
         image, place = Path(folder) / "image", Path(folder) / "disk"
         place.mkdir()
@@ -415,7 +415,7 @@ def journalled_disk() -> Iterator[Path]:
 
 @contextmanager
 def small_disk() -> Iterator[Path]:
-    """A file system of 256 kB. Needs the right to mount."""
+    """Yield a file system of 256 kB. Needs the right to mount."""
     with tempfile.TemporaryDirectory(prefix="dehyst-disk-") as folder:
         subprocess.run(
             ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", folder],
@@ -429,7 +429,7 @@ def small_disk() -> Iterator[Path]:
 
 
 def why_not(fault: Callable[..., str]) -> str:
-    """Why this machine does not let the fault be done; "": it does."""
+    """Return why this machine does not allow the fault; "" if it does."""
     disks = {disk_full: small_disk, disk_read_only: journalled_disk}
     try:
         with disks.get(fault, nullcontext)():
@@ -502,8 +502,8 @@ HOST: tuple[Callable[[Rig], str], ...] = (disk_full, file_limit, disk_read_only,
 @dataclass(frozen=True)
 class Outcome:
     """One row of the table. beyond_v: the largest movement beyond slew x length in any window
-    while it happened (a step of SLEW / RATE_HZ is allowed); seconds: until the trajectory ran
-    again; rows: of the recording beside it."""
+    during the fault (a step of SLEW / RATE_HZ is allowed); seconds: until the trajectory ran again;
+    rows: of the recording made at the same time."""
 
     fault: str
     happened: str
@@ -513,8 +513,8 @@ class Outcome:
 
 
 def inflict(rig: Rig, recording: Path, fault: Callable[..., str], **options: float) -> Outcome:
-    """Do one fault to a running rig and wait until the trajectory runs again. AssertionError
-    where anything that must hold does not."""
+    """Apply one fault to a running rig and wait until the trajectory runs again. Raises
+    AssertionError if any required property does not hold."""
     rig.mark()
     begun = time.monotonic()
     happened = fault(rig, **options)

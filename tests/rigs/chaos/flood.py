@@ -1,7 +1,7 @@
-"""A process of the chaos tests that puts set-points as fast as it can, whatever becomes of them.
+"""A process of the chaos tests that puts set-points as fast as it can, whatever happens to them.
 
-Arguments: address, key, client and lease (0: none), seconds. On standard output: how many it put,
-in how many seconds.
+Arguments: address, key, client and lease (0: none), seconds. It prints on standard output how many
+it put, and in how many seconds.
 """
 
 import json
@@ -18,12 +18,12 @@ from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.messages import Setpoint
 
 BLOCK = 200
-"""So many are encoded at a time; then the clock is looked at."""
+"""Number encoded at a time; then the clock is checked."""
 
 
 def main(address: str, key: str, client: int, lease: int, seconds: float) -> None:
-    """Put, and never wait for a full link."""
-    os.nice(10)  # a client is on another machine: it takes no processor time from the daemon
+    """Put set-points and never wait for a full link."""
+    os.nice(10)  # a real client is on another machine and takes no processor time from the daemon
     config = zenoh.Config()
     for name, value in {
         "mode": "client",
@@ -36,7 +36,7 @@ def main(address: str, key: str, client: int, lease: int, seconds: float) -> Non
         publisher = session.declare_publisher(
             key, congestion_control=zenoh.CongestionControl.DROP, express=False
         )
-        time.sleep(0.3)  # until the way to the daemon is known
+        time.sleep(0.3)  # until the route to the daemon is known
         begun, sent = time.monotonic(), 0
         while (now := time.monotonic()) < begun + seconds:
             now_ns, value = time.monotonic_ns(), 4.0 + 6.0 * (int(4 * now) % 2)

@@ -1,6 +1,5 @@
-"""Random commands to a running rig, good, wrong and damaged, with device faults, kills and reloads
-of the model between them. What must hold is read from the amplifier's own log by the caller.
-"""
+"""Random commands to a running rig, valid, wrong and damaged, with device faults, kills and reloads
+of the model between them. The caller checks the required properties in the amplifier's own log."""
 
 import math
 import os
@@ -37,7 +36,7 @@ DEVICE_FAULTS = (
 
 
 class Commander:
-    """One client that sends what it likes; it connects again when the daemon was away."""
+    """One client that sends anything; it connects again after the daemon was away."""
 
     def __init__(self, rig: Rig, name: str, chance: random.Random, counts: Counter[str]) -> None:
         self.rig, self.name, self.random, self.counts = rig, name, chance, counts
@@ -47,7 +46,7 @@ class Commander:
         self.reach = (0.0, 10.0)
 
     def connected(self) -> Client | None:
-        """The client, None while the daemon is away."""
+        """Return the client; None while the daemon is away."""
         if self.client is None:
             with suppress(DehystError):
                 self.client = Client(self.name, self.rig.address, label="fuzz")
@@ -55,7 +54,7 @@ class Commander:
         return self.client
 
     def act(self) -> None:
-        """One operation."""
+        """Do one operation."""
         client = self.connected()
         if client is None:
             time.sleep(0.1)
@@ -72,7 +71,7 @@ class Commander:
                 self.close()
 
     def close(self) -> None:
-        """End the connection; the next act makes another."""
+        """Close the connection; the next act opens another."""
         client, self.client, self.sender = self.client, None, None
         if client is not None:
             with suppress(DehystError):
@@ -81,19 +80,19 @@ class Commander:
     # -- operations -----------------------------------------------------------------------------
 
     def setpoint(self, client: Client) -> None:
-        """One, asked for or put, in reach, beyond it, or no number at all."""
+        """Send one set-point, asked or put, within reach, beyond it, or not a number."""
         self.give(client, encoding.encode(self._setpoint(client)), self.random.random() < 0.5)
 
     def burst(self, client: Client) -> None:
-        """From one end of the reach to the other and back, as fast as it goes."""
+        """Go from one end of the reach to the other and back, as fast as possible."""
         low, high = self.reach
         for i in range(self.random.randrange(2, 60)):
             message = self._setpoint(client, (low, high)[i % 2])
             self.give(client, encoding.encode(message), False)
 
     def chunk(self, client: Client) -> None:
-        """Points of a trajectory: noise over the whole reach, a walk, or a jump; now and then with
-        times that do not increase or targets that are no numbers."""
+        """Send points of a trajectory: noise over the whole reach, a walk, or a jump; sometimes
+        with times that do not increase or targets that are not numbers."""
         r, (low, high) = self.random, self.reach
         n = r.choice((1, 2, 10, 100, 1000))
         offset = np.cumsum(np.full(n, round(10 ** r.uniform(6.0, 8.0))))
@@ -119,7 +118,7 @@ class Commander:
         self.index = self.index + 1 if reply is not None and reply.ok and not message.last else 0
 
     def request(self, client: Client) -> None:
-        """Lease, stop, release."""
+        """Request a lease, a stop or a release."""
         action = self.random.choice(ACTIONS)
         message = Request(
             client=client.client, lease=self.lease, sent_ns=self._sent(), action=action,
@@ -132,7 +131,7 @@ class Commander:
             self.reach = (status.reach_min, status.reach_max)
 
     def damaged(self, client: Client) -> None:
-        """A good one with other bytes in it, or bytes alone."""
+        """Send a valid message with some bytes changed, or only random bytes."""
         r = self.random
         payload = bytearray(encoding.encode(self._setpoint(client)))
         for _ in range(r.choice((1, 1, 2, 8))):
@@ -143,7 +142,7 @@ class Commander:
         self.give(client, bytes(payload), r.random() < 0.5)
 
     def question(self, client: Client) -> None:
-        """Status, model, history, or nonsense to them."""
+        """Query status, model or history, or send nonsense to these topics."""
         r = self.random
         if r.random() < 0.3:
             method = r.choice(("history", "status", "model", "configuration"))
@@ -156,7 +155,7 @@ class Commander:
     # -- parts ----------------------------------------------------------------------------------
 
     def give(self, client: Client, payload: bytes, ask: bool) -> Reply | None:
-        """Ask, and count the answer by its code; or put."""
+        """Ask and count the answer by its code, or put."""
         if not ask:
             if self.sender is None:
                 key = client.keys.pubsub(subject(SETPOINT, "um"), str(client.client))
@@ -191,7 +190,7 @@ class Commander:
 
 
 class Fuzz:
-    """Commands of two clients, and what happens to the daemon meanwhile."""
+    """Commands of two clients, with disturbances of the daemon at the same time."""
 
     def __init__(self, rig: Rig, seed: int) -> None:
         self.rig, self.random, self.counts = rig, random.Random(seed), Counter[str]()
@@ -202,7 +201,7 @@ class Fuzz:
         self.model = load_model(rig.model)
 
     def run(self, seconds: float) -> Counter[str]:
-        """Until then; how often what was done and what was answered."""
+        """Run for this long; return how often each action was done and each answer received."""
         end = time.monotonic() + seconds
         due = time.monotonic() + 2.0
         try:
@@ -219,7 +218,7 @@ class Fuzz:
         return self.counts
 
     def disturb(self) -> None:
-        """A device fault, a reload, a stop or a kill."""
+        """Cause a device fault, a reload, a stop or a kill."""
         chosen = self.random.choices((self.fault, self.reload, self.stop, self.kill), (5, 5, 2, 1))[
             0
         ]
@@ -227,26 +226,26 @@ class Fuzz:
         chosen()
 
     def fault(self) -> None:
-        """Of a device, for a while."""
+        """Cause a temporary device fault."""
         order = self.random.choice(DEVICE_FAULTS)
         where = {"axis": self.random.choice(self.rig.axes)} if self.rig.axes else {}
         self.rig.bench_order(**order, **where, for_s=self.random.uniform(0.1, 1.5))
 
     def reload(self) -> None:
-        """Another model, a broken one, or several in a row."""
+        """Load another model, a broken one, or several in a row."""
         for _ in range(self.random.choice((1, 1, 1, 5))):
             self._write_model()
             os.kill(self.rig.daemon.pid, signal.SIGHUP)
 
     def stop(self) -> None:
-        """The loop stands still for a while."""
+        """Stop the loop for a while."""
         for pid in self._pids("core"):
             os.kill(pid, signal.SIGSTOP)
             time.sleep(self.random.uniform(0.02, 1.5))
             os.kill(pid, signal.SIGCONT)
 
     def kill(self) -> None:
-        """Loop or network."""
+        """Kill loop or network."""
         for pid in self._pids(self.random.choice(("core", "gateway"))):
             os.kill(pid, signal.SIGKILL)
 

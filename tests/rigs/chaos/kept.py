@@ -1,4 +1,5 @@
-"""A running rig of the chaos tests for one fault after another, and a new one behind a failure."""
+"""A running rig of the chaos tests for one fault after another; after a failure a new one is
+built."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +12,7 @@ from dehyst.daemon.files.models import save_model
 
 
 class KeptRig:
-    """make: builds the rig in a folder with a model."""
+    """A rig that is kept between faults. make: builds the rig in a folder with a model."""
 
     def __init__(self, place: Callable[[], Path], make: Callable[[Path, Path], Rig] = Rig) -> None:
         self._place, self._make = place, make
@@ -29,7 +30,7 @@ class KeptRig:
         return self._rig
 
     def inflict(self, fault: Callable[..., str], **options: float) -> faults.Outcome:
-        """Do a fault; where it fails, everything is built anew for the next one."""
+        """Apply a fault; if it fails, a new rig is built for the next one."""
         in_order = False
         try:
             outcome = faults.inflict(self._running(), self._recording, fault, **options)
@@ -40,7 +41,7 @@ class KeptRig:
                 self.close()
 
     def close(self) -> None:
-        """End it; the next one who asks gets another."""
+        """Close the rig; the next user gets a new one."""
         rig, self._rig = self._rig, None
         if rig is not None:
             rig.close()

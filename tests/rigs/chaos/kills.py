@@ -11,15 +11,16 @@ from tests.rigs.chaos.rig import Rig, lives, readable_rows, until
 
 WHO = ("core", "gateway", "both", "client", "safe")
 LONGEST_STOP_S = 5.0
-"""Well below what the supervisor calls hanging (10 s, 20 s): none of these may be called so."""
+"""Well below the time after which the supervisor considers a process hung (10 s, 20 s): none of
+these stops may reach it."""
 LONGEST_RECOVERY_S = 60.0
 FAULTS_A_RECORDING = 5
 
 
 @dataclass
 class Account:
-    """What came of them. recovery_s: (who, how, seconds until the trajectory ran again); rows: of
-    each recording; faults that nothing recovered from, recordings that cannot be read, in words."""
+    """The results. recovery_s: (who, how, seconds until the trajectory ran again); rows: of each
+    recording; in words, faults from which the rig did not recover and unreadable recordings."""
 
     recovery_s: list[tuple[str, str, float]] = field(default_factory=list)
     rows: list[int] = field(default_factory=list)
@@ -29,13 +30,13 @@ class Account:
 
 
 def processes_of(config: Path) -> dict[int, tuple[str, int]]:
-    """(command, parent) of every live `dehyst ... --config <this one>`, by its number."""
+    """Return (command, parent) of every live `dehyst ... --config <this one>`, by process id."""
     found = {}
     for entry in Path("/proc").iterdir():
         try:
             words = (entry / "cmdline").read_bytes().decode("utf-8", "replace").split("\0")
             parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-        except (OSError, ValueError):  # none, or it has just gone
+        except (OSError, ValueError):  # not such a process, or it has just gone
             continue
         if str(config) in words and "dehyst.daemon.main" in words and lives(int(entry.name)):
             found[int(entry.name)] = words[words.index("dehyst.daemon.main") + 1], parent
@@ -43,13 +44,14 @@ def processes_of(config: Path) -> dict[int, tuple[str, int]]:
 
 
 class Kills:
-    """Does them to a running rig."""
+    """Kills and stops processes of a running rig."""
 
     def __init__(self, rig: Rig, seed: int) -> None:
         self.rig, self.random, self.account = rig, random.Random(seed), Account()
 
     def run(self, count: int) -> Account:
-        """So many, each when the one before is over; fewer where one is not recovered from."""
+        """Run `count` faults, each after recovery from the previous one; stop early if one has
+        none."""
         recording, path = None, Path()
         for number in range(count):
             if number % FAULTS_A_RECORDING == 0:
@@ -62,7 +64,7 @@ class Kills:
         return self.account
 
     def one(self, number: int, who: str, how: str) -> bool:
-        """Do one, wait until the trajectory runs again; whether it did."""
+        """Cause one fault and wait until the trajectory runs again; return whether it did."""
         rig = self.rig
         rig.mark()
         time.sleep(self.random.uniform(0.0, 1.0))
@@ -80,13 +82,13 @@ class Kills:
         return True
 
     def _inflict(self, who: str, how: str) -> None:
-        """Behind a stop: its processes go on again."""
+        """Kill or stop a process; after a stop, let it continue."""
         rig = self.rig
         if who == "safe":
             self._kill([self._only("core")])
             pid = until(lambda: self._find("safe"), 20.0, "`dehyst safe` is called")
             time.sleep(self.random.uniform(0.0, 1.5))
-            pids = [pid] if lives(pid) else []  # it may have done its work already
+            pids = [pid] if lives(pid) else []  # it may already have finished
         elif who == "client":
             pids = [rig.pid("client")]
         else:
@@ -118,18 +120,19 @@ class Kills:
         return found[0] if found else 0
 
     def _only(self, command: str) -> int:
-        """Its process, waited for: the gateway may still be starting while samples flow again."""
+        """Wait for the only process of this command: the gateway may still be starting while
+        samples flow again."""
         return int(until(lambda: self._find(command), 60.0, f"a {command}"))
 
     def _orphans(self) -> set[int]:
-        """Processes of this daemon that no supervisor looks after."""
+        """Return the processes of this daemon that have no supervisor."""
         run = self.rig.daemon.pid
         return {
             p for p, (_, parent) in processes_of(self.rig.config).items() if run not in (p, parent)
         }
 
     def _end_recording(self, process: object, path: Path) -> None:
-        """By Ctrl-C or a kill, and it must read back."""
+        """End the recording by Ctrl-C or a kill; it must be readable."""
         if process is None:
             return
         number = self.random.choice((signal.SIGINT, signal.SIGKILL))
@@ -137,5 +140,5 @@ class Kills:
         process.wait(30.0)  # type: ignore[attr-defined]
         try:
             self.account.rows.append(readable_rows(path))
-        except Exception as error:  # whatever it is, the benchmark tells of it
+        except Exception as error:  # the benchmark reports any error
             self.account.unreadable.append(f"{path.name}: {error}")

@@ -1,4 +1,4 @@
-"""A client process of the chaos tests: plays a trajectory again and again, whatever happens."""
+"""A client process of the chaos tests: plays a trajectory repeatedly, whatever happens."""
 
 import sys
 import time
@@ -13,7 +13,7 @@ from dehyst.models.errors import DehystError
 
 
 def main(address: str, name: str, seconds: float) -> None:
-    """Until killed; each trajectory lasts so long."""
+    """Play until killed; each trajectory lasts `seconds`."""
     seed = 0
     while True:
         try:

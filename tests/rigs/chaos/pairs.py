@@ -1,4 +1,4 @@
-"""Faults of the chaos tests two at a time, where an owner would see that."""
+"""Pairs of simultaneous faults for the chaos tests, where an owner would notice the combination."""
 
 import os
 import signal

@@ -1,12 +1,12 @@
-"""The rig of the chaos tests: real processes, real ptys, and the amplifier's own log as witness.
+"""The rig of the chaos tests: real processes, real ptys, and the amplifier's own log as evidence.
 
     bench   `dehyst emulate`: MDT693B and KSG101 on ptys, one simulated stage between them
     daemon  `dehyst run`: supervisor, core, gateway
-    mover   a client process that plays a trajectory again and again, whatever happens to it
-    record  `dehyst record`, a client process that writes what it hears
+    mover   a client process that plays a trajectory repeatedly, whatever happens to it
+    record  `dehyst record`, a client process that writes what it receives
 
-All of them see a wall clock that `step_wall_clock` can set: a `sitecustomize` module adds what a
-file says to `time.time`. The monotonic clock is the machine's.
+All of them see a wall clock that `step_wall_clock` can set: a `sitecustomize` module adds the
+offset in a file to `time.time`. The monotonic clock is the machine's.
 """
 
 import json
@@ -38,12 +38,12 @@ ROOT = Path(__file__).resolve().parents[3]
 RATE_HZ, SLEW, RAMP, MAX_V, SAFE_V, HOLD_S = 100.0, 1000.0, 200.0, 140.0, 5.0, 0.4
 STEP_NS = round(1e9 / RATE_HZ)
 LATE_S = 3 / RATE_HZ
-"""So late a write may be, or the emulator's reading of it, and the next one in time."""
+"""How late a write, or the emulator's reading of it, may be while the next one is in time."""
 MOVER_V_PER_S = 260.0
-"""The mover's trajectory needs no more: 17.3 um/s where the stage moves by 0.067 um/V."""
+"""The highest rate that the mover's trajectory needs: 17.3 um/s with a stage gain of 0.067 um/V."""
 APPROACH_V_PER_S = 850.0
-"""No more than this is the way to a first target: 40 um/s, where at that rate the stage moves by
-0.047 um/V after a reversal."""
+"""The highest rate of the approach to a first target: 40 um/s with a stage gain of 0.047 um/V after
+a reversal at that rate."""
 
 LIMITS = """\
 limits = {{min_v = 0.0, max_v = {max_v}, slew_v_per_s = {slew}}}
@@ -57,7 +57,7 @@ approach_um_per_s = 40.0
 queue_s = 30.0
 lease_s = 1.0
 """
-"""Of all rigs."""
+"""The limits of all rigs."""
 CONFIG = """
 name = "chaos"
 run_dir = "{run}"
@@ -85,7 +85,7 @@ time.time_ns = lambda: _time_ns() + int(_offset_s() * 1e9)
 
 
 def free_port() -> int:
-    """A TCP port on loopback that nobody uses at present."""
+    """Return a TCP port on loopback that is free at present."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -93,7 +93,7 @@ def free_port() -> int:
 
 def until(condition: Callable[[], Any], seconds: float, what: str) -> Any:
     """Poll until the condition's value is true, and return it; a busy machine has twice as long
-    (what is judged in time is judged by the logs)."""
+    (the logs decide what must be in time)."""
     end = time.monotonic() + 2.0 * seconds
     while time.monotonic() < end:
         value = condition()
@@ -104,7 +104,7 @@ def until(condition: Callable[[], Any], seconds: float, what: str) -> Any:
 
 
 def trajectory(seconds: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """(t_s, target): three sines that never repeat each other, 3 to 11 um."""
+    """Return (t_s, target): three sines whose sum does not repeat, 3 to 11 um."""
     t = np.arange(round(100 * seconds) + 1) / 100
     phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, 3)
     waves = [np.sin(2 * np.pi * f * t + p) for f, p in zip((0.31, 0.83, 1.9), phase, strict=True)]
@@ -112,7 +112,7 @@ def trajectory(seconds: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Listener(threading.Thread):
-    """Hears everything the daemon says: samples, events, statuses, refusals."""
+    """Receives everything the daemon publishes: samples, events, statuses, refusals."""
 
     def __init__(self, client: Client) -> None:
         super().__init__(daemon=True)
@@ -142,13 +142,13 @@ class Listener(threading.Thread):
 
 
 class Rig:
-    """Everything, running. `since` marks the beginning of a fault (see `mark`)."""
+    """The complete running rig. `since` marks the beginning of a fault (see `mark`)."""
 
     name = "chaos"
     commanded: tuple[str, ...] = (name,)
     axes = ""
-    port_name = "mdt693b"  # of the amplifier, on the bench
-    lasts_s = 30.0  # a trajectory of the mover
+    port_name = "mdt693b"  # the amplifier's port on the bench
+    lasts_s = 30.0  # length of one trajectory of the mover
     bench_options: tuple[str, ...] = ()
 
     def __init__(self, folder: Path, model: Path, on_fault: str = "ramp") -> None:
@@ -178,7 +178,7 @@ class Rig:
         self.since_ns = self.fault_ns = 0
 
     def configured(self, on_fault: str) -> str:
-        """Text of the configuration."""
+        """Return the text of the configuration."""
         return CONFIG.format(
             run=self.folder / "run", model=self.model, rate=RATE_HZ, max_v=MAX_V, slew=SLEW,
             safe_v=SAFE_V, ramp=RAMP, hold_s=HOLD_S, on_fault=on_fault, listen=self.address,
@@ -186,18 +186,18 @@ class Rig:
         )  # fmt: skip
 
     def devices(self) -> str:
-        """Their lines of the configuration."""
+        """Return the configuration's lines about the devices."""
         return DEVICES.format(**self.ports)
 
     @property
     def kept(self) -> Path:
-        """Where the watch keeps its recordings."""
+        """The folder in which the watch keeps its recordings."""
         return self.folder / "run" / "mismatch"
 
     # -- processes ------------------------------------------------------------------------------
 
     def start(self, *arguments: str, name: str = "") -> "subprocess.Popen[bytes]":
-        """Start a dehyst command; what it says goes to NAME.txt."""
+        """Start a dehyst command; its output goes to NAME.txt."""
         return self._start([sys.executable, "-m", "dehyst.daemon.main", *arguments], name)
 
     def _start(self, command: list[str], name: str) -> "subprocess.Popen[bytes]":
@@ -214,7 +214,7 @@ class Rig:
         return process
 
     def words(self, name: str) -> str:
-        """What a process has said so far."""
+        """Return what a process has printed so far."""
         path = self.folder / f"{name}.txt"
         return path.read_text(errors="replace") if path.exists() else ""
 
@@ -224,14 +224,14 @@ class Rig:
             *self.bench_options, name="bench",
         )  # fmt: skip
         as_hardware(self.bench)
-        # before its ports it reports kernels that it compiles
+        # before its ports it prints which kernels it compiles
         line = until(lambda: re.search(r"^\{.*\}$", self.words("bench"), re.M), 240.0, "the bench")
         as_hardware(self.bench, ready=True)
         ports: dict[str, str] = json.loads(line[0])
         return ports
 
     def run(self) -> None:
-        """Start daemon, listener and mover; returns when the trajectory runs."""
+        """Start daemon, listener and mover; return when the trajectory runs."""
         self.daemon = self.start("run", "--config", str(self.config), name="run")
         self.client = until(self._connect, 60.0, f"the gateway\n{self.words('run')}")
         self.listener = Listener(self._connect() or self.client)
@@ -255,7 +255,7 @@ class Rig:
         )
 
     def pid(self, name: str) -> int:
-        """Process number of core, gateway or client."""
+        """Return the process id of core, gateway or client."""
         if name == "client":
             assert self.mover is not None
             return self.mover.pid
@@ -263,17 +263,18 @@ class Rig:
         return status.pid if name == "core" else status.gateway.pid
 
     def kill(self, name: str, number: int = signal.SIGKILL) -> int:
-        """Send a signal to core, gateway or client; its process number. What is killed is gone."""
+        """Send a signal to core, gateway or client and return its process id; a killed process has
+        ended."""
         pid = self.pid(name)
         os.kill(pid, number)
         if number == signal.SIGKILL:
             until(lambda: not lives(pid), 5.0, f"{name} is gone")
         return pid
 
-    # -- what can be seen -----------------------------------------------------------------------
+    # -- what can be observed -------------------------------------------------------------------
 
     def status(self) -> Status:
-        """The daemon's own word, asked again until somebody answers."""
+        """Return the daemon's status; repeat the query until it is answered."""
 
         def asked() -> Status | None:
             try:
@@ -285,39 +286,42 @@ class Rig:
         return answer
 
     def mark(self) -> None:
-        """What comes now belongs to the next fault."""
+        """Start the next fault: what comes from now on belongs to it."""
         self.since_ns = self.fault_ns = time.monotonic_ns()
 
     def mark_fault(self) -> None:
-        """Another part of the same fault: the output is judged from the mark before."""
+        """Start another part of the same fault; the output is still judged from the previous
+        mark."""
         self.since_ns = time.monotonic_ns()
 
     def samples(self) -> np.ndarray:
-        """Telemetry since the mark."""
+        """Return the telemetry since the mark."""
         assert self.listener is not None
         return samples_since(self.since_ns, self.listener.samples)
 
     def judge(self, fault: Callable[..., str]) -> None:
-        """What must hold beside that of the amplifier's channel after this fault."""
+        """Check what must hold after this fault in addition to the checks of the amplifier's
+        channel."""
 
     def flags(self) -> int:
-        """All flags since the mark."""
+        """Return all flags since the mark."""
         samples = self.samples()
         return int(np.bitwise_or.reduce(samples["flags"])) if samples.size else 0
 
     def states(self) -> set[State]:
-        """All states since the mark, telemetry's and the status messages'."""
+        """Return all states since the mark, of telemetry and of status messages."""
         samples = self.samples()
         return {State(int(s)) for s in np.unique(samples["state"])} if samples.size else set()
 
     def events(self) -> str:
-        """Texts of the events since the mark."""
+        """Return the texts of the events since the mark."""
         assert self.listener is not None
         events = list(self.listener.events)
         return "\n".join(e.text for e in events if e.time_ns >= self.since_ns)
 
     def known_events(self) -> str:
-        """Texts of the events since the mark that the gateway knows, "" where none answers."""
+        """Return the texts of the events since the mark that the gateway knows; "" if none
+        answers."""
         try:
             events = self.client.events()
         except DehystError:
@@ -325,23 +329,23 @@ class Rig:
         return "\n".join(e.text for e in events if e.time_ns >= self.since_ns)
 
     def refusals(self) -> set[str]:
-        """Codes of the refusals since the mark."""
+        """Return the codes of the refusals since the mark."""
         assert self.listener is not None
         return {r.code for r in list(self.listener.rejections) if r.time_ns >= self.since_ns}
 
     def last(self) -> Any:
-        """Newest sample, None where there is none."""
+        """Return the newest sample; None if there is none."""
         assert self.listener is not None
         return self.listener.samples[-1][-1] if self.listener.samples else None
 
     def target(self) -> float:
-        """Target of the newest sample."""
+        """Return the target of the newest sample."""
         last = self.last()
         return float("nan") if last is None else float(last["target"])
 
     def until_event(self, text: str, seconds: float = 20.0) -> None:
-        """Wait until an event with this text was heard, or the gateway knows of it: what comes
-        while a link is made anew is not heard."""
+        """Wait until an event with this text was received, or is known to the gateway: events
+        during a reconnection are not received."""
         asked_s = time.monotonic()
 
         def reported() -> bool:
@@ -376,26 +380,29 @@ class Rig:
         until(runs, seconds, f"the trajectory runs\n{self.events()}\n{self.words('run')[-2000:]}")
 
     def bench_order(self, **order: Any) -> dict[str, Any]:
-        """Give an order to the bench and return its state."""
+        """Send an order to the bench and return its state."""
         return ask(self.ports["control"], order)
 
     def output(self) -> tuple[np.ndarray, np.ndarray]:
-        """(time_ns, volts) at the amplifier's output since the rig began, from its own log."""
+        """Return (time_ns, volts) at the amplifier's output since the rig began, from its own
+        log."""
         self.bench_order(save=True)
         with np.load(self.log) as data:
             return data["time_ns"], data["volts"]
 
     def check_held(self, begin_ns: int, end_ns: int | None = None) -> None:
-        """The output did not move between these times; a command on its way has arrived."""
+        """Check that the output did not move between these times, after any command still in
+        transit."""
         output.check_held(*self.output(), begin_ns + 2 * STEP_NS, end_ns)
 
     def check_steps(self, step_v: float, rate_v_per_s: float, begin_ns: int) -> None:
-        """Every step after begin is of a glide of step_v beside a movement at this rate."""
+        """Check that every step after begin is at most step_v plus a movement at this rate."""
         log = output.during(*self.output(), begin_ns + 2 * STEP_NS)
         output.check_steps(*log, step_v, rate_v_per_s, LATE_S)
 
     def check_ramped(self, begin_ns: int) -> None:
-        """The output went to its safe voltage after begin in steps of its ramp, and no faster."""
+        """Check that after begin the output went to its safe voltage in steps of its ramp, no
+        faster."""
         time_ns, volts = output.during(*self.output(), begin_ns + 2 * STEP_NS)
         there = np.flatnonzero(np.abs(volts - SAFE_V) < 0.01)
         assert there.size, "the output never came to its safe voltage"
@@ -404,7 +411,7 @@ class Rig:
         output.check_speed(*log, RAMP, RAMP * (1 / RATE_HZ + LATE_S))
 
     def check_held_then_ramped(self, begin_ns: int) -> None:
-        """The loop held after begin, for as long as it should, and then ramped."""
+        """Check that after begin the loop held for the configured time, then ramped."""
         samples = self.samples()
         holding = samples["scheduled_ns"][
             (samples["state"] == State.HOLDING) & (samples["scheduled_ns"] >= begin_ns)
@@ -415,17 +422,17 @@ class Rig:
         self.check_ramped(held_ns)
 
     def step_wall_clock(self, seconds: float) -> None:
-        """Set every process's wall clock by so much."""
+        """Set every process's wall clock forward by `seconds`."""
         self.clock_file.write_text(repr(seconds))
 
     def record(self, path: Path, *arguments: str, name: str = "record") -> Any:
-        """Start `dehyst record`; returns the process when the file has rows."""
+        """Start `dehyst record`; return the process when the file has rows."""
         process = self.start("record", "-o", str(path), *arguments, name=name)
         until(lambda: path.exists() and path.stat().st_size > 3000, 30.0, self.words(name) or name)
         return process
 
     def close(self) -> None:
-        """End everything, stopped processes included."""
+        """End everything, including stopped processes."""
         if self.listener is not None:
             self.listener.ending.set()
             self.listener.join(5.0)
@@ -445,9 +452,9 @@ class Rig:
 
 
 def samples_since(since_ns: int, batches: list[np.ndarray]) -> np.ndarray:
-    """Telemetry from this moment on, of batches in the order in which they came."""
+    """Return the telemetry from this moment on, given batches in order of arrival."""
     found = []
-    for batch in reversed(batches):  # a list that grows meanwhile
+    for batch in reversed(batches):  # the list grows meanwhile
         found.append(batch[batch["scheduled_ns"] >= since_ns])
         if batch["scheduled_ns"][-1] < since_ns:
             break
@@ -455,7 +462,7 @@ def samples_since(since_ns: int, batches: list[np.ndarray]) -> np.ndarray:
 
 
 def lives(pid: int) -> bool:
-    """Whether there is such a process (one that has ended and is not yet waited for is gone)."""
+    """Return whether the process exists (a zombie does not count)."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -463,5 +470,5 @@ def lives(pid: int) -> bool:
 
 
 def readable_rows(path: Path) -> int:
-    """Rows of a recording that reads back without complaint."""
+    """Return the rows of a recording that is readable without an error."""
     return int(read_recording(path).t_s.size)

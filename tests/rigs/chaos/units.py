@@ -1,7 +1,7 @@
-"""The rig of the chaos tests with another amplifier, and what can befall any serial one of them.
+"""The rig of the chaos tests with another amplifier, and the faults that any serial one can have.
 
-An MDT694B and a KPZ101 have a KSG101 beside them; a KPC101 and a BPC303 read their own gauge on the
-same line, so that what befalls the amplifier befalls the gauge too.
+An MDT694B and a KPZ101 have a separate KSG101; a KPC101 and a BPC303 read their own gauge on the
+same line, so that a fault of the amplifier's line also affects the gauge.
 """
 
 import time
@@ -14,7 +14,7 @@ from dehyst.daemon.rings.records import Flag, State
 
 UNITS = ("mdt694b", "kpz101", "kpc101", "bpc303")
 PORTS = {"mdt694b": "mdt693b"}
-"""What the bench calls the port, where it is not the driver's name."""
+"""The bench's name of the port, if it is not the driver's name."""
 OWN_GAUGE = ("kpc101", "bpc303")
 OWN_NUMBERS = {
     "mdt694b": 150226175403,
@@ -28,11 +28,11 @@ AWAY_S, FOREIGN_S = 1.0, 3.0
 DEVICES = """\
 actuator = {{driver = "{driver}", settings = {{port = "{port}", timeout_s = 0.25}}}}
 sensor = {{driver = "{gauge}", settings = {{port = "{gauge_port}", timeout_s = 0.25}}}}"""
-"""The time-out is that of an MDT693B: less is too short where the machine has other work."""
+"""The time-out is that for an MDT693B: less is too short when the machine is busy."""
 
 
 class UnitRig(Rig):
-    """Everything, running, with one of UNITS."""
+    """The complete running rig with one of UNITS."""
 
     def __init__(self, folder: Path, model: Path, unit: str, on_fault: str = "ramp") -> None:
         self.unit, self.bench_options = unit, ("--amplifier", unit)
@@ -40,7 +40,7 @@ class UnitRig(Rig):
         super().__init__(folder, model, on_fault)
 
     def devices(self) -> str:
-        """Their lines of the configuration."""
+        """Return the configuration's lines about the devices."""
         port = self.ports[self.port_name]
         own = self.unit in OWN_GAUGE
         return DEVICES.format(
@@ -51,7 +51,7 @@ class UnitRig(Rig):
         )
 
     def exchange(self, serial_number: int) -> None:
-        """The unit is pulled, and what is plugged in after a while has this number."""
+        """Unplug the unit; the one plugged in after a while has this serial number."""
         self.bench_order(
             fault="unplug", device=self.port_name, for_s=AWAY_S, serial_number=serial_number
         )
@@ -62,7 +62,7 @@ def late(rig: UnitRig) -> str:
     rig.bench_order(amplifier={"delay_s": 0.5, **_replies(rig, 1000)}, for_s=1.0)
     rig.until_state(State.FAULT)
     rig.until_event("actuator: back", 30.0)
-    assert "within" in rig.events(), rig.events()  # the driver's words for a time-out
+    assert "within" in rig.events(), rig.events()  # the driver's message for a time-out
     return "fault (time-out), reconnected"
 
 
@@ -83,7 +83,7 @@ def foreign(rig: UnitRig) -> str:
     """another unit plugged in for a while"""
     rig.exchange(FOREIGN_NUMBER)
     rig.until_state(State.FAULT)
-    begun_ns, sets = time.monotonic_ns(), _sets(rig)  # it is not plugged in yet
+    begun_ns, sets = time.monotonic_ns(), _sets(rig)  # not plugged in yet
     rig.until_event("another unit", 30.0)
     time.sleep(FOREIGN_S)
     assert "actuator: back" not in rig.events(), rig.events()
@@ -119,11 +119,11 @@ def gauge_foreign(rig: Rig) -> str:
 
 FAULTS = (unplug, late, damaged, foreign)
 GAUGE_FAULTS = (gauge_damaged, gauge_foreign)
-"""Of a KSG101; the others are those of the rig of an MDT693B."""
+"""Faults of a KSG101; its other faults are in the rig of an MDT693B."""
 
 
 def _replies(rig: UnitRig, count: int) -> dict[str, int]:
-    """How many replies are affected: an MDT694B has to be told."""
+    """Return how many replies are affected: only an MDT694B needs that number."""
     return {"count": count} if rig.unit in PORTS else {}
 
 

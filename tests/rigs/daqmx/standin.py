@@ -1,7 +1,7 @@
-"""NI's C library and Python package as stand-ins that share one device (standin.c).
+"""Stand-ins for NI's C library and Python package that share one device (standin.c).
 
-The package's functions go through the library, so that both loops drive the same device. Names
-and signatures are those of nidaqmx 1.0 and NIDAQmx.h. It is no proof for the hardware.
+The package's functions go through the library, so that both loops drive the same device. Names and
+signatures are those of nidaqmx 1.0 and NIDAQmx.h. This does not prove that hardware works.
 """
 
 import ctypes
@@ -19,12 +19,12 @@ SOURCE = Path(__file__).with_name("standin.c")
 
 PLAYS, CHANGES = 8, 256
 GAIN, MONITOR_V_PER_UM, MONITOR_ZERO_V, MONITOR_NOISE_V = 15.0, 0.5, 0.25, 1e-3
-"""Of the amplifier behind the output and the monitor behind the input, as in standin.c."""
+"""Properties of the amplifier at the output and of the monitor at the input, as in standin.c."""
 SERIAL = 0x1D2C3B4
 
 
 class Device(ctypes.Structure):
-    """struct device of standin.c."""
+    """Mirrors struct device of standin.c."""
 
     _fields_ = (
         ("task", ctypes.c_int64),
@@ -54,7 +54,7 @@ class Device(ctypes.Structure):
 
 
 class DaqError(Exception):
-    """As nidaqmx.errors.DaqError."""
+    """Behaves as nidaqmx.errors.DaqError."""
 
     def __init__(self, message: str, error_code: int) -> None:
         super().__init__(message)
@@ -62,22 +62,22 @@ class DaqError(Exception):
 
 
 def compile_library(folder: Path) -> str:
-    """The stand-in's path; skips where there is no C compiler."""
+    """Compile the stand-in and return its path; skip the test if there is no C compiler."""
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler here to make the stand-in for NI's library with")
     path = folder / "libnidaqmx.so"
     command = [compiler, "-shared", "-fPIC", "-O1", "-Wall", "-Werror", "-o", path, SOURCE, "-lm"]
-    command.append("-Wl,-soname,libnidaqmx.so")  # what a process finds it by
+    command.append("-Wl,-soname,libnidaqmx.so")  # the name by which a process finds it
     subprocess.run(command, check=True)
     return str(path)
 
 
 class Standin:
-    """A fresh device behind the library at `path`, and the package in front of it: in place of the
-    vendor's while a test runs; monkeypatch: None: the caller places it.
+    """A fresh device in the library at `path`, and the package on top of it, which replaces the
+    vendor's during a test; monkeypatch: None if the caller installs it.
 
-    `plugged = False` takes it away: every call fails, no task can be made.
+    `plugged = False` removes the device: every call fails, no task can be made.
     """
 
     def __init__(self, path: str, monkeypatch: pytest.MonkeyPatch | None = None) -> None:
@@ -108,11 +108,11 @@ class Standin:
             monkeypatch.setattr(where, lambda name: path)
 
     def fail(self, status: int, in_calls: int = 0) -> None:
-        """Calls return `status` from the one after `in_calls` on."""
+        """Make calls return `status`, starting after `in_calls` more calls."""
         self.device.status, self.device.fail_in = status, in_calls
 
     def work(self) -> None:
-        """No more failing calls."""
+        """Stop the failures."""
         self.device.fail_in = -1
 
     @property
@@ -135,7 +135,7 @@ class Standin:
 
 
 class InStream:
-    """As nidaqmx.task.InStream."""
+    """Behaves as nidaqmx.task.InStream."""
 
     over_write = ""
     relative_to = ""
@@ -145,7 +145,7 @@ class InStream:
 
     @property
     def offset(self) -> int:
-        """Of a read, from `relative_to`."""
+        """The offset of a read from `relative_to`."""
         return int(self._standin.device.offset)
 
     @offset.setter
@@ -155,7 +155,7 @@ class InStream:
 
 
 class Task:
-    """As nidaqmx.Task; all tasks of a stand-in are good for its one device."""
+    """Behaves as nidaqmx.Task; every task of a stand-in uses its one device."""
 
     def __init__(self, standin: Standin) -> None:
         if not standin.plugged:
@@ -208,10 +208,10 @@ class Task:
             self._standin.device.sample_hz = rate
 
     def start(self) -> None:
-        """Nothing to do."""
+        """Do nothing."""
 
     def write(self, data: float, auto_start: bool = True, timeout: float = 10.0) -> None:
-        """One value."""
+        """Write one value."""
         function = self._standin.library.DAQmxWriteAnalogScalarF64
         arguments = (1, ctypes.c_double(timeout), ctypes.c_double(data), None)
         self._standin.check(function(self._handle, *arguments))
@@ -219,7 +219,7 @@ class Task:
     def read(
         self, number_of_samples_per_channel: int | None = None, timeout: float = 10.0
     ) -> float | list[float]:
-        """One value, or a list where a number is given."""
+        """Read one value, or a list if a number is given."""
         count, found = number_of_samples_per_channel, ctypes.c_int32()
         values = (ctypes.c_double * (count or 1))()
         if count is None:
@@ -233,5 +233,5 @@ class Task:
         return values[0] if count is None else list(values)
 
     def close(self) -> None:
-        """The handle is good no more."""
+        """Invalidate the handle."""
         self._handle = None

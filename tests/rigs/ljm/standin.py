@@ -1,6 +1,6 @@
-"""LabJack's LJM library as a stand-in (standin.c) under the vendor's own Python package.
+"""A stand-in for LabJack's LJM library (standin.c) under the vendor's own Python package.
 
-Names and signatures are those of LabJackM.h. It is no proof for the hardware.
+Names and signatures are those of LabJackM.h. This does not prove that hardware works.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ REGISTERS, NAME = 32, 32
 
 
 class Unit(ctypes.Structure):
-    """struct unit of standin.c."""
+    """Mirrors struct unit of standin.c."""
 
     _fields_ = (
         ("handle", ctypes.c_int32),
@@ -37,7 +37,7 @@ class Unit(ctypes.Structure):
     )
 
     def register(self, name: str) -> float:
-        """What was written to it last; 0: nothing."""
+        """Return what was last written to a register; 0 if nothing was."""
         for i in range(self.count):
             if self.names[i].value == name.encode():
                 return float(self.values[i])
@@ -45,7 +45,7 @@ class Unit(ctypes.Structure):
 
 
 def compile_library(folder: Path) -> str:
-    """The stand-in's path; skips where there is no C compiler."""
+    """Compile the stand-in and return its path; skip the test if there is no C compiler."""
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler here to make the stand-in for LabJack's library with")
@@ -56,8 +56,8 @@ def compile_library(folder: Path) -> str:
 
 
 def plug(path: str, monkeypatch: pytest.MonkeyPatch) -> Unit:
-    """A fresh unit behind the library at `path`, under the package."""
-    with contextlib.redirect_stdout(io.StringIO()):  # it prints that the real library is absent
+    """Put a fresh unit in the library at `path`, below the package."""
+    with contextlib.redirect_stdout(io.StringIO()):  # it prints that the real library is missing
         package = pytest.importorskip("labjack.ljm", reason="labjack-ljm is not installed")
     library = ctypes.CDLL(path)
     monkeypatch.setattr(package.ljm, "_staticLib", library)

@@ -1,8 +1,8 @@
 """Drives, neighbouring axis and room temperature of the proof's stages.
 
 Every drive is a function of time that is evaluated on the plant's own fine grid `t` (N,) [s] and
-lies within 0 to 10 V; `dt` is the recorder's period [s], from which its speed follows: what a
-recorder at 1 kHz gets as 30 Hz, one at 10 kHz gets as 300 Hz. Shares no code with the library.
+lies within 0 to 10 V; `dt` is the recorder's period [s], which determines the drive's speed: what
+is 30 Hz for a recorder at 1 kHz is 300 Hz for one at 10 kHz. Shares no code with the library.
 """
 
 from collections.abc import Callable
@@ -14,11 +14,12 @@ from scipy import signal
 Floats = NDArray[np.float64]
 CENTRE_V, SWING_V = 5.0, 4.7
 SOFT_START_SAMPLES = 500
-STEP_SAMPLES = 1.5  # time constant of the generator's output filter, in the recorder's periods
+STEP_SAMPLES = 1.5  # time constant of the generator's output filter, in periods of the recorder
 
 
 def _started(u: Floats, t: Floats, dt: float) -> Floats:
-    """Grown from 0 V within the soft start, so that the virgin curve is part of the recording."""
+    """Let a drive grow from 0 V in the soft start, so that the recording contains the virgin
+    curve."""
     return u * np.clip(t / (SOFT_START_SAMPLES * dt), 0.0, 1.0)
 
 
@@ -47,7 +48,7 @@ def triangle(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
 
 
 def triangle_at(hz: float, top: float) -> Callable[[np.random.Generator, Floats, float], Floats]:
-    """One triangle again and again, from 0 V."""
+    """One triangle, repeated, from 0 V."""
 
     def run(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
         return top * (1.0 - np.abs(2.0 * np.mod(t * hz, 1.0) - 1.0))
@@ -56,7 +57,7 @@ def triangle_at(hz: float, top: float) -> Callable[[np.random.Generator, Floats,
 
 
 def sine_at(*hz: float) -> Callable[[np.random.Generator, Floats, float], Floats]:
-    """One sine, or the sum of some with equal swing, from the lower end up."""
+    """One sine, or the sum of several with equal swing, from the lower end up."""
 
     def run(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
         swing = rng.uniform(0.7, 0.95) * CENTRE_V
@@ -79,7 +80,7 @@ def holds(rng: np.random.Generator, t: Floats, dt: float, rests: int = 12) -> Fl
 
 
 def mixed(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
-    """The waveform that is held out: another multisine, then a hold for the last third."""
+    """The held-out waveform: another multisine, then a hold for the last third."""
     u = multisine(rng, t, dt)
     after = t >= 0.66 * t[-1]
     tail = np.r_[u[~after][-1], np.full(int(after.sum()), rng.uniform(2.5, 9.2))]
@@ -89,7 +90,7 @@ def mixed(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
 def small_scan(
     start: float, swing: float
 ) -> Callable[[np.random.Generator, Floats, float], Floats]:
-    """From a level held, a quiet scan about it: two sines that grow from nothing."""
+    """A constant level, then a small scan about it: two sines that grow from zero."""
 
     def run(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
         f = np.array([1.0, 2.7]) * 1e-3 / dt * rng.uniform(0.8, 1.3)
@@ -100,7 +101,7 @@ def small_scan(
 
 
 def step_to(before: Floats, level: float, at: float, dt: float) -> Floats:
-    """0 V until `at`, then a level, through the output filter: what was before a recording."""
+    """0 V until `at`, then a level, through the output filter: the history before a recording."""
     return _filtered(np.where(before < at, 0.0, level), before, dt)
 
 
@@ -111,7 +112,7 @@ def _filtered(steps: Floats, t: Floats, dt: float) -> Floats:
 
 
 def neighbour(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
-    """The other axis: a sine of its own for a while, then at rest at 5 V, again and again."""
+    """The other axis: a sine of its own for a while, then at rest at 5 V, repeatedly."""
     x = t * 1e-3 / dt
     f, phase = rng.uniform(0.5, 2.5), rng.random()
     wave = 5.0 + 3.5 * np.sin(2 * np.pi * (f * x + phase))

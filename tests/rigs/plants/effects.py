@@ -1,11 +1,11 @@
-"""Effects of the library, in other equations than the library's, for the proof's stages.
+"""Effects of the library, in equations other than the library's, for the proof's stages.
 
-Each maker draws its random constants and returns an Effect whose run(x, world, s) gives the
-signal after the effect; s is the strength that the proof solves for. `own=True` gives the
-textbook form instead (one pole, one sine, one gain), whose parameters can be compared with the
-stated intervals. Everything runs on the world's fine grid, many times finer than the recorder's;
-drive in 0 to 10 V, displacement in um. `dt`: the recorder's period [s], from which speeds follow.
-Shares no code with the library.
+Each maker draws its random constants and returns an Effect whose run(x, world, s) gives the signal
+after the effect; s is the strength that the proof solves for. `own=True` gives the textbook form
+instead (one pole, one sine, one gain), whose parameters can be compared with the reported
+intervals. Everything runs on the world's fine grid, many times finer than the recorder's; drive in
+0 to 10 V, displacement in um. `dt`: the recorder's period [s], which determines speeds. Shares no
+code with the library.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from tests.rigs.plants.hysteresis import maxwell_slip
 
 @dataclass(frozen=True)
 class World:
-    """One recording on the fine grid, and what was before it: time [s] (below 0 before), command,
+    """One recording on the fine grid, and the time before it: time [s] (negative before), command,
     temperature, other axis; a private seed."""
 
     t: Floats
@@ -40,7 +40,7 @@ class World:
         return float(self.t[-1])
 
     def rng(self, salt: int) -> np.random.Generator:
-        """The same random course for every strength."""
+        """Return a generator that gives the same random course for every strength."""
         return np.random.default_rng([self.seed, salt])
 
 
@@ -61,7 +61,7 @@ class Effect:
 
 
 def linear_filter(num: list[float], den: list[float], x: Floats, h: float) -> Floats:
-    """A continuous filter on a signal that runs straight between samples, from rest at x[0]."""
+    """Apply a continuous filter to a signal that is linear between samples, from rest at x[0]."""
     top, bottom, _ = signal.cont2discrete((num, den), h, method="foh")
     gain = num[-1] / den[-1]
     return signal.lfilter(np.ravel(top), bottom, x - x[0]) + gain * x[0]
@@ -77,7 +77,7 @@ def delayed(x: Floats, seconds: float, h: float) -> Floats:
 
 
 def memory(x: Floats, kernel: Floats) -> Floats:
-    """Answer to every past increment of x through a creep function, by convolution."""
+    """Return the response to every past increment of x through a creep function, by convolution."""
     return signal.fftconvolve(np.diff(x, prepend=x[0]), kernel)[: x.size]
 
 
@@ -132,7 +132,7 @@ def resonance(rng: np.random.Generator, own: bool, dt: float) -> Effect:
         if form == "two modes":
             other = 0.4 * (mode(w1 * ratio, 0.7 * damping) - x)
             return x + s * (mode(w1, damping) - x + other)
-        c, k, mu = 2 * damping * w1, w1 * w1, 0.3 * ratio  # a mass that hangs on the platform
+        c, k, mu = 2 * damping * w1, w1 * w1, 0.3 * ratio  # a mass attached to the platform
         k2, c2 = k * 1.7, c * 0.6
         den = [
             mu, mu * (c + c2) + c2, mu * (k + k2) + k2 + c * c2, c * k2 + c2 * k, k * k2,
@@ -230,7 +230,7 @@ def clip(rng: np.random.Generator, own: bool, dt: float) -> Effect:
 
 
 def drift(rng: np.random.Generator, own: bool, dt: float) -> Effect:
-    """Behind a room that is not constant; see warm_up for the other kind."""
+    """A drift caused by a room whose temperature changes; see warm_up for the other kind."""
     form = str(rng.choice(["expansion", "gain"]))
     tau = 0.0 if own else rng.uniform(0.2, 3.0)
 
@@ -246,7 +246,7 @@ def drift(rng: np.random.Generator, own: bool, dt: float) -> Effect:
 
 
 def warm_up(rng: np.random.Generator, own: bool, dt: float) -> Effect:
-    """A stage that warms by itself since what was before the recording began."""
+    """A stage that has been warming by itself since before the recording began."""
     late, share = rng.uniform(0.3, 1.2), rng.choice([0.8, 1.0, 1.2])
 
     def run(x: Floats, w: World, s: float) -> Floats:

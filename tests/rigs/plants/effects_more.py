@@ -1,7 +1,7 @@
 """Effects that stay partly or wholly inside a rate-independent base, and effects of no library.
 
-See `effects` for the form. The second group is for the question whether the tool says
-"unknown" when it should. Shares no code with the library.
+See `effects` for the form. The second group tests whether the tool reports "unknown" when it
+should. Shares no code with the library.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ from tests.rigs.plants.effects import (
 
 @njit(cache=True, nogil=True)
 def _backlash(x: Floats, half: Floats) -> Floats:
-    """A dead band whose half width changes in time; from the middle of the band."""
+    """A dead band whose half width changes over time; starts in the middle of the band."""
     out = np.empty(x.size)
     p = x[0]
     for t in range(x.size):
@@ -162,7 +162,7 @@ def wandering_line(rng: np.random.Generator, own: bool, dt: float) -> Effect:
 
 
 def stuck_after_rest(rng: np.random.Generator, own: bool, dt: float) -> Effect:
-    """Bonds grow while the stage rests and break when it has moved half a micrometre."""
+    """Bonds grow while the stage rests and break once it has moved half a micrometre."""
     way, grow = rng.uniform(0.2, 0.6), rng.uniform(0.3, 1.0)
 
     def run(x: Floats, w: World, s: float) -> Floats:

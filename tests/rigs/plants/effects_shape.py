@@ -1,6 +1,6 @@
-"""What bends a loop without knowing the time, and what is there for a part of the time only.
+"""Effects that bend a loop independently of time, and effects that exist only part of the time.
 
-The first group is a matter of shape: one number a drive's history, no clock. The second is named
+The first group depends only on shape: one value per drive history, no clock. The second is reported
 with its time. See `effects` for the form. Shares no code with the library.
 """
 
@@ -57,7 +57,7 @@ def curved_sensor(rng: np.random.Generator, own: bool, dt: float) -> Effect:
 
 @njit(cache=True, nogil=True)
 def _one_sided(u: Floats, halves: Floats) -> Floats:
-    """Mean lead of the drive over dead bands while it rises; nothing while it falls."""
+    """Mean lead of the drive over dead bands while it rises; zero while it falls."""
     out = np.empty(u.size)
     p = np.full(halves.size, u[0])
     for t in range(u.size):
@@ -70,7 +70,7 @@ def _one_sided(u: Floats, halves: Floats) -> Floats:
 
 
 def asymmetric(rng: np.random.Generator, own: bool, dt: float) -> Effect:
-    """A ceramic that switches easier one way, most in the middle of its range."""
+    """A ceramic that switches more easily in one direction, most in the middle of its range."""
     halves, middle = rng.uniform(0.3, 2.5, 4), rng.uniform(3.5, 6.5)
 
     def run(x: Floats, w: World, s: float) -> Floats:

@@ -6,8 +6,8 @@
   minor loops of equal swing differ with the mean; summed exactly over the turning points.
 - Bouc-Wen: dh = A du - beta |du| |h|^(n-1) h - gamma du |h|^n; its minor loops do not close.
 
-Input in volts (0 to 10), output in micrometres, from a de-energised start. The input is any
-sampled curve that runs straight between samples. Shares no code with the library.
+Input in volts (0 to 10), output in micrometres, from a de-energised start. The input is any sampled
+curve, linear between samples. Shares no code with the library.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,8 @@ Floats = NDArray[np.float64]
 
 @njit(cache=True, nogil=True)
 def _slip_bank(x: Floats, yields: Floats, strength: Floats, power: float) -> Floats:
-    """Sum of the forces. yields: S / k of each element; the Dahl form, exact between reversals."""
+    """Return the sum of the forces. yields: S / k of each element; the Dahl form, exact between
+    reversals."""
     out = np.empty(x.size)
     force = np.zeros(yields.size)
     last = 0.0
@@ -94,7 +95,8 @@ def _preisach(u: Floats, p: Floats, r: Floats, q: Floats, grid: float) -> Floats
 def _staircase(
     high: Floats, low: Floats, n: int, top: float, p: Floats, r: Floats, q: Floats, grid: float
 ) -> float:
-    """Relays that are on: what every remembered rise switched on, less what the fall took."""
+    """Return the relays that are on: switched on by every remembered rise, minus those switched off
+    by the fall."""
     total, floor = 0.0, 0.0
     for i in range(n):
         total += _everett(high[i], floor, p, r, q, grid) - _everett(high[i], low[i], p, r, q, grid)

@@ -4,8 +4,8 @@
   (IEEE Trans. Automat. Contr. 45, 2000): dw = alpha |du| (c u - w) + b du, with a bend on c u.
 - Generalised dead zones: a play whose two envelopes are tanh curves of the drive (Al Janaideh,
   Rakheja, Su, Mechatronics 19, 2009).
-- In the class: a sum of plays behind which stands a polynomial, which is what the modified
-  Prandtl-Ishlinskii model says, written down anew.
+- In the class: a sum of plays followed by a polynomial, which is the modified
+  Prandtl-Ishlinskii model, implemented independently.
 
 Input in volts (0 to 10), output in micrometres, from a de-energised start. Shares no code with the
 library.
@@ -41,7 +41,7 @@ def _duhem(u: Floats, alpha: float, slope: float, bend: float, b: float) -> Floa
 
 
 def duhem(rng: np.random.Generator) -> Callable[[Floats], Floats]:
-    """One internal variable that follows a bent line late in the drive; loop 8 to 15 %."""
+    """One internal variable that follows a bent line with a lag in the drive; loop 8 to 15 %."""
     alpha, slope = rng.uniform(0.35, 1.0), rng.uniform(0.9, 1.15)
     bend = rng.uniform(-0.012, 0.008)
     half = rng.uniform(0.08, 0.15) * 9.5 * slope / 2.0  # of the loop, once it is open
@@ -71,7 +71,8 @@ def _envelope_plays(
 
 
 def dead_zones(rng: np.random.Generator) -> Callable[[Floats], Floats]:
-    """25 plays between two tanh curves, the rising one bent otherwise than the falling one."""
+    """25 plays between two tanh curves, with the rising one bent differently from the falling
+    one."""
     halves = np.r_[0.0, np.exp(np.linspace(np.log(0.03), np.log(2.5), 24))]
     weights = rng.gamma(2.0, 1.0, 25) * np.exp(-halves / rng.uniform(0.7, 1.5))
     weights[0] = rng.uniform(3.0, 5.0) * np.sum(weights[1:]) / 3.0
@@ -96,7 +97,7 @@ def _plays(u: Floats, halves: Floats, weights: Floats) -> Floats:
 
 
 def in_class(rng: np.random.Generator) -> Callable[[Floats], Floats]:
-    """Eight plays and a cubic behind them that rises everywhere."""
+    """Eight plays followed by a cubic that rises everywhere."""
     halves = np.r_[0.0, np.cumsum(rng.uniform(0.15, 0.6, 7))]
     weights = np.r_[rng.uniform(0.5, 0.7), rng.uniform(0.02, 0.1, 7) * np.exp(-halves[1:] / 3.0)]
     weights *= rng.uniform(0.9, 1.1) / np.sum(weights)
