@@ -1,8 +1,8 @@
-"""Bars of a benchmark: what was measured, what it must keep, and how the run ends.
+"""Bars of a benchmark: what was measured, the required limit, and the exit status of the run.
 
-A benchmark ends with 0 where all its bars are held, with 1 where one is missed, and with 77 where
-one could not be judged (a tool is missing, the machine was too busy) and none is missed. 77 is the
-code that test runners take for "skipped": nothing is proven either way.
+A benchmark ends with 0 if all its bars are met, with 1 if one is missed, and with 77 if one could
+not be judged (a tool is missing, the machine was too busy) and none is missed. Test runners
+interpret 77 as "skipped": nothing is proven either way.
 """
 
 import os
@@ -14,7 +14,7 @@ WORDS = {True: "held", False: "MISSED", None: "not judged"}
 
 @dataclass(frozen=True)
 class Bar:
-    """One line of the table; held: None where it could not be judged, and `why` says it."""
+    """One line of the table; held: None if it could not be judged, with the reason in `why`."""
 
     name: str
     figure: str
@@ -30,35 +30,35 @@ class Bars:
     rows: list[Bar] = field(default_factory=list)
 
     def most(self, name: str, figure: float, bar: float, unit: str = "") -> None:
-        """The figure must not be above the bar (NaN is above)."""
+        """Require a figure not above the bar (NaN fails)."""
         self.add(name, f"{figure:.4g} {unit}", f"at most {bar:.4g} {unit}", figure <= bar)
 
     def least(self, name: str, figure: float, bar: float, unit: str = "") -> None:
-        """The figure must not be below the bar (NaN is below)."""
+        """Require a figure not below the bar (NaN fails)."""
         self.add(name, f"{figure:.4g} {unit}", f"at least {bar:.4g} {unit}", figure >= bar)
 
     def none(self, name: str, count: int) -> None:
-        """There must be none of these."""
+        """Require that there are none of these."""
         self.add(name, str(count), "none", count == 0)
 
     def add(self, name: str, figure: str, bar: str, held: bool) -> None:
-        """Any other bar, already judged."""
+        """Add any other bar, already judged."""
         self.rows.append(Bar(name, figure.strip(), bar.strip(), bool(held)))
 
     def cannot(self, name: str, why: str) -> None:
-        """This bar could not be judged."""
+        """Add a bar that could not be judged."""
         self.rows.append(Bar(name, "-", "-", None, why))
 
     @property
     def code(self) -> int:
-        """Exit status."""
+        """Return the exit status."""
         held = {row.held for row in self.rows}
         if False in held:
             return MISSED
         return NOT_JUDGED if None in held or not self.rows else HELD
 
     def table(self) -> str:
-        """The rows and, last, how it ended, in words."""
+        """Return the rows and, last, the result in words."""
         rows = [("bar", "measured", "must be", "")]
         rows += [(r.name, r.figure, r.bar, f"{WORDS[r.held]}  {r.why}".strip()) for r in self.rows]
         wide = [max(len(row[i]) for row in rows) for i in range(3)]
@@ -78,14 +78,14 @@ class Bars:
         return "\n".join([*lines, end])
 
     def end(self) -> int:
-        """Print the table; the exit status."""
+        """Print the table; return the exit status."""
         print(f"\n{self.table()}", flush=True)
         return self.code
 
 
 def too_busy(most: float = 0.5) -> str:
-    """Why times measured now would say nothing, "" where they would: the load of the last minute
-    for each processor, before the benchmark itself runs."""
+    """Return why times measured now would be meaningless, "" if they would not: judged by the load
+    of the last minute per processor, before the benchmark itself runs."""
     load, count = os.getloadavg()[0], len(os.sched_getaffinity(0))
     if load <= most * count:
         return ""

@@ -1,6 +1,7 @@
-"""A witness of the machine: on each CPU a process that only wakes every 5 ms, before all else, and
-counts how often it is late, as cyclictest does. It shares nothing with what is measured: where it
-is late, the machine was away (its host took it, an interrupt), and no program on it was on time."""
+"""A witness of the machine: on each CPU a process that only wakes every 5 ms, at the highest
+priority, and counts how often it is late, as cyclictest does. It shares nothing with what is
+measured: when it is late, the machine was unavailable (its host took it, or an interrupt), and no
+program on it was on time."""
 
 import mmap
 import os
@@ -13,13 +14,13 @@ from tempfile import TemporaryDirectory
 from typing import Self
 
 PERIOD_NS, LATE_NS = 5_000_000, 1_000_000
-PRIORITY = 98  # above every loop, a loop's own witness, and every emulated device
-LATE_SHARE = 0.005  # of the periods: with more, hardly a pass of 200 of them is on time
-COUNTS = struct.Struct("qq")  # periods, and those whose wake-up was late
+PRIORITY = 98  # above every loop, every loop's own witness, and every emulated device
+LATE_SHARE = 0.005  # share of periods; with more, hardly any pass of 200 periods is on time
+COUNTS = struct.Struct("qq")  # periods, and those with a late wake-up
 
 
 class LateWakeups:
-    """The witness for the time of a `with`."""
+    """The witness, for the duration of a `with` block."""
 
     def __enter__(self) -> Self:
         self._folder = TemporaryDirectory()
@@ -35,7 +36,7 @@ class LateWakeups:
             try:
                 os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(PRIORITY))
             except OSError as error:
-                self.refused = f"no witness: {error}"  # other programs would keep it waiting
+                self.refused = f"no witness: {error}"  # other programs would delay it
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -46,8 +47,8 @@ class LateWakeups:
 
     @property
     def share(self) -> float:
-        """Late wake-ups so far, as a part of the periods, on the CPU with most of them; NaN where
-        the witness has nothing to say."""
+        """Late wake-ups so far, as a share of the periods, on the CPU with most of them; NaN if the
+        witness has no data."""
         if self.refused:
             return float("nan")
         seen = [COUNTS.unpack(path.read_bytes()) for path in self._counts]
@@ -55,8 +56,8 @@ class LateWakeups:
 
 
 def was_away(share: float, most: float = LATE_SHARE) -> str:
-    """Why times measured beside a witness with this share of late wake-ups say nothing of a
-    program, "" where they do."""
+    """Return why times measured with this share of late wake-ups of the witness say nothing about a
+    program; "" if they do."""
     if not share > most:
         return ""
     return (
@@ -66,7 +67,7 @@ def was_away(share: float, most: float = LATE_SHARE) -> str:
 
 
 def count(path: Path, cpu: int) -> None:
-    """Wake and count until killed. Each period that passes in one sleep is a late one."""
+    """Wake and count until killed. Each period missed by oversleeping counts as late."""
     os.sched_setaffinity(0, {cpu})
     parent = os.getppid()
     with path.open("r+b") as file, mmap.mmap(file.fileno(), COUNTS.size) as counts:

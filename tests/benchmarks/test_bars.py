@@ -1,4 +1,4 @@
-"""How a benchmark ends: 0, 1 and 77 mean what they say, in words too."""
+"""How a benchmark ends: 0, 1 and 77 have their defined meanings, in words too."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The witness counts what it could not be on time for, and excuses no loop where it was on time."""
+"""The witness counts when it could not be on time, and excuses no loop when it was on time."""
 
 import math
 import os
@@ -31,12 +31,12 @@ def test_a_witness_that_is_stopped_is_late_for_as_long() -> None:
     ("gain", "share", "busy", "code"),
     [
         (5.1, 0.0, "", 0),
-        (5.1, 0.2, "", 0),  # passes that count had all their deadlines
+        (5.1, 0.2, "", 0),  # the passes that count met all their deadlines
         (4.9, 0.0, "", 1),
         (4.9, 2.0 * LATE_SHARE, "", 77),
         (math.nan, 2.0 * LATE_SHARE, "", 77),
-        (math.nan, 0.5 * LATE_SHARE, "", 1),  # the witness was well and the loop was not
-        (math.nan, 0.0, "the load was high before", 77),  # which is none of the loop's
+        (math.nan, 0.5 * LATE_SHARE, "", 1),  # the witness was on time and the loop was not
+        (math.nan, 0.0, "the load was high before", 77),  # not the loop's fault
         (math.nan, math.nan, "the load was high before", 77),
         (math.nan, math.nan, "", 1),
     ],

@@ -1,4 +1,4 @@
-"""What is asked of a recording with trim is what the one without it shows."""
+"""A recording with trim must show what the one without it shows, and nothing more is required."""
 
 from tests.benchmarks.bars import Bars
 from tests.benchmarks.daemon.learning_diagnosed import CHOSEN, WAYS, judge

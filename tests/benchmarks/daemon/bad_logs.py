@@ -30,12 +30,12 @@ from dehyst.models.errors import DehystError
 
 MOST_SAFE_S, MOST_SERVING_S = 5.0, 12.0
 START_S = 300.0
-"""A first start may take so long: it compiles the kernels."""
+"""How long a first start may take: it compiles the kernels."""
 FIGURES = ("killed, safe", "killed, serving", "SIGTERM, safe", "SIGTERM, serving")
 
 
 def start(service: Service, file: int) -> Client:
-    """Run the supervisor with this log; returns when a set-point is taken."""
+    """Run the supervisor with this log; return when a set-point is accepted."""
     service.supervisor = dehyst("run", "--config", str(service.config), stdout=file, stderr=file)
     client = service.client()
     until(lambda: taken(client), START_S, "a set-point that is taken")
@@ -43,7 +43,7 @@ def start(service: Service, file: int) -> Client:
 
 
 def taken(client: Client) -> bool:
-    """A set-point is taken."""
+    """Return whether a set-point is accepted."""
     try:
         return client.send(4.0).ok
     except DehystError:
@@ -51,12 +51,13 @@ def taken(client: Client) -> bool:
 
 
 def safe(service: Service) -> bool:
-    """The output is in its safe state, by the amplifier."""
+    """Return whether the output is in its safe state, as the amplifier reports it."""
     return service.output() < SAFE_V + 0.02
 
 
 def once(kind: str) -> tuple[float, ...]:
-    """Seconds, in the order of FIGURES. Raises AssertionError where something never came."""
+    """Return seconds, in the order of FIGURES. Raises AssertionError if something never
+    happened."""
     with tempfile.TemporaryDirectory(prefix="dehyst-logs-") as name:
         folder = Path(name)
         save_model(kept_model(), folder / "model.toml")

@@ -39,7 +39,7 @@ HOLD = (faults.kill_core_hold, faults.unplug_hold)
 
 
 def series(chosen: Sequence[Callable[..., str]], make: Callable[[Path], Rig], bars: Bars) -> None:
-    """Do these faults to one daemon that runs on the rig; to another one behind a fault that
+    """Apply these faults to one daemon that runs on the rig, and to a new one after a fault that
     failed."""
     left = list(chosen)
     while left:
@@ -59,7 +59,7 @@ def series(chosen: Sequence[Callable[..., str]], make: Callable[[Path], Rig], ba
 
 
 def one(rig: Rig, recording: Path, fault: Callable[..., str], bars: Bars) -> bool:
-    """Do one fault and print its row; whether the rig is fit for another."""
+    """Apply one fault and print its row; return whether the rig can be used for another."""
     if reason := faults.why_not(fault):
         print(f"| {fault.__doc__} | skipped: {reason} | | | |")
         bars.cannot(fault.__name__, reason)
@@ -82,7 +82,7 @@ def one(rig: Rig, recording: Path, fault: Callable[..., str], bars: Bars) -> boo
 
 
 def main() -> int:
-    """Both settings of safe.on_fault; the exit status."""
+    """Run both settings of safe.on_fault; return the exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )

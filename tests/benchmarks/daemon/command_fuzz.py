@@ -32,11 +32,11 @@ from dehyst.drivers.simulated.axes import settings_by_axis
 from dehyst.models.errors import DehystError
 
 ERRORS = ("BusError", "NoAnswer", "Nobody", "Refusal", "BadMessage")
-"""What a client meets while the daemon is away; all other counts are of commands."""
+"""Errors that a client gets while the daemon is away; all other counts are of commands."""
 
 
 def main() -> int:
-    """Print what was done and answered, and the bars."""
+    """Print actions, answers and the bars."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
@@ -84,7 +84,7 @@ def main() -> int:
 
 
 def rig_of(folder: Path, axes: int) -> Rig:
-    """Bench and daemon with models of the stage as it is."""
+    """Make bench and daemon with models of the unchanged stage."""
     models = {axis: folder / f"identified-{axis}.toml" for axis in "xyz"[:axes]}
     for axis, stage in settings_by_axis(list(models), {}).items():
         save_model(simulated_model(stage), models[axis])
@@ -92,7 +92,7 @@ def rig_of(folder: Path, axes: int) -> Rig:
 
 
 def follows_again(rig: Rig) -> bool:
-    """Behind all that, a client commands as ever."""
+    """Check that a client can command as usual after all of this."""
 
     def sent() -> bool:
         try:

@@ -96,7 +96,7 @@ with connect(f"ws://{address}/stream", origin=f"http://{address}", compression=N
 
 
 def model() -> Model:
-    """A monotone, rate-independent model with 16 elements."""
+    """Return a monotone, rate-independent model with 16 elements."""
     r = 150.0 * (np.arange(16) / 16) ** 1.5 / 2
     return Model(
         Hysteresis(r=r, b=np.r_[0.09, np.full(15, 0.002)], c=np.array([0.0, 1.0])),
@@ -112,7 +112,7 @@ def python(code: str, *arguments: str, **options: Any) -> "subprocess.Popen[str]
 
 
 def end(process: "subprocess.Popen[str]") -> None:
-    """SIGTERM, then SIGKILL."""
+    """Send SIGTERM, then SIGKILL."""
     process.send_signal(signal.SIGTERM)
     try:
         process.wait(20.0)
@@ -162,13 +162,13 @@ class Core:
                 time.sleep(0.002)
 
     def drain(self) -> np.ndarray:
-        """Records since the last time."""
+        """Return the records since the last call."""
         records, self.tail, lost = self.telemetry.read(self.tail)
         assert lost == 0 or self.tail == records.size + lost, "the benchmark was too slow"
         return records
 
     def loop_thread(self) -> int:
-        """Thread id of the loop: FIFO at priority 80."""
+        """Return the thread id of the loop: FIFO at priority 80."""
         for task in Path(f"/proc/{self.process.pid}/task").iterdir():
             number = int(task.name)
             if os.sched_getparam(number).sched_priority == 80:
@@ -176,18 +176,18 @@ class Core:
         return self.process.pid
 
     def faults(self) -> tuple[int, int]:
-        """(minor, major) page faults of the loop's thread."""
+        """Return the (minor, major) page faults of the loop's thread."""
         path = Path(f"/proc/{self.process.pid}/task/{self.loop_thread()}/stat")
         fields = path.read_text().rpartition(")")[2].split()
         return int(fields[7]), int(fields[9])
 
     def rss_kb(self) -> int:
-        """Resident memory."""
+        """Return the resident memory."""
         text = Path(f"/proc/{self.process.pid}/status").read_text()
         return int(re.search(r"VmRSS:\s+(\d+)", text).group(1))  # type: ignore[union-attr]
 
     def close(self) -> None:
-        """SIGTERM and wait."""
+        """Send SIGTERM and wait."""
         end(self.process)  # type: ignore[arg-type]
 
 
@@ -221,7 +221,7 @@ class Window:
         return late / max(1, sum(self.cyclic.values()))
 
     def add(self, other: "Window") -> None:
-        """Another window of the same kind."""
+        """Add another window of the same kind."""
         self.wake_us = np.concatenate([self.wake_us, other.wake_us])
         self.samples += other.samples
         self.missed += other.missed
@@ -234,7 +234,7 @@ class Window:
         self.subscribers += other.subscribers
 
     def reference(self) -> dict[str, float]:
-        """p50, p99, p99.9 and max of cyclictest [us]; empty where it did not run."""
+        """p50, p99, p99.9 and max of cyclictest [us]; empty if it did not run."""
         total, seen, found = sum(self.cyclic.values()), 0, {}
         wanted = [("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999)]
         for us in sorted(self.cyclic):
@@ -246,8 +246,8 @@ class Window:
 
 
 def cyclictest(cpu: int, rate: float, seconds: float) -> "subprocess.Popen[str] | None":
-    """cyclictest on the same CPU, above the loop; its interval is a little off the loop's period
-    so that the two drift through each other. None where it is not installed."""
+    """Start cyclictest on the same CPU, above the loop; its interval differs slightly from the
+    loop's period so that the two drift relative to each other. None if it is not installed."""
     if shutil.which("cyclictest") is None:
         return None
     interval = round(1e6 / rate * 1.013)
@@ -259,7 +259,7 @@ def cyclictest(cpu: int, rate: float, seconds: float) -> "subprocess.Popen[str] 
 
 
 def histogram(output: str) -> dict[int, int]:
-    """cyclictest's histogram: counts by whole microseconds; what is beyond it counts as 20 ms."""
+    """Parse cyclictest's histogram: counts by whole microseconds; overflows count as 20 ms."""
     rows = [line.split() for line in output.splitlines() if re.match(r"^\d{6} ", line)]
     counts = {int(row[0]): int(row[1]) for row in rows if int(row[1])}
     beyond = re.search(r"# Histogram Overflows: (\d+)", output)
@@ -270,7 +270,8 @@ def histogram(output: str) -> dict[int, int]:
 
 @contextmanager
 def load_of(kind: str, core: Core, seconds: float) -> Iterator[list["subprocess.Popen[str]"]]:
-    """Run a load beside the core; yields processes whose last line of output is wanted."""
+    """Run a load at the same time as the core; yield processes whose last line of output is
+    wanted."""
     running, wanted = [], []
     if kind == "cpu":
         running = [python(BURN) for _ in range(os.cpu_count() or 1)]
@@ -303,7 +304,7 @@ def load_of(kind: str, core: Core, seconds: float) -> Iterator[list["subprocess.
 
 
 def _served(core: Core, working: bool) -> list["subprocess.Popen[str]"]:
-    """The gateway alone, or with a page that a browser looks at and a doctor at work."""
+    """Start the gateway alone, or with a page viewed in a browser and a working doctor."""
     start = "import sys; from dehyst.daemon.main import main; sys.exit(main(sys.argv[1:]))"
     running = [python(start, "gateway", "--config", str(core.config))]
     if working:
@@ -320,7 +321,7 @@ def _served(core: Core, working: bool) -> list["subprocess.Popen[str]"]:
 
 
 def measure(core: Core, rate: float, cpu: int, load: str, seconds: float) -> Window:
-    """One window under one load."""
+    """Measure one window under one load."""
     window = Window(rate, load)
     with load_of(load, core, seconds + 2.0) as wanted:
         core.drain()

@@ -2,13 +2,13 @@
 
     python -m tests.benchmarks.daemon.deadlines [--for SECONDS] [--rates 1000,10000] [--loads idle]
 
-The core runs as in production (its own process, FIFO 80, pinned, witness beside it) on the
+The core runs as in production (its own process, FIFO 80, pinned, with its witness) on the
 in-process simulated stage, following a set-point. cyclictest runs at the same time on the same CPU
-at a higher priority, so it never waits for the loop. The loads `served` (the gateway alone) and
-`doctor` (gateway, a page that a browser looks at, and a doctor that examines case after case) stand
-side by side: `--loads served,doctor --repeat 3`. Then: telemetry at a subscriber and its cost,
-and one start. Without cyclictest (Debian: rt-tests) its columns are left out and what is measured
-against it is not judged. Exit status: see tests/benchmarks/bars.py.
+at a higher priority, so it never waits for the loop. To compare the loads `served` (the gateway
+alone) and `doctor` (gateway, a page viewed in a browser, and a doctor that examines case after
+case) side by side: `--loads served,doctor --repeat 3`. It then measures telemetry at a subscriber
+and its cost, and one start. Without cyclictest (Debian: rt-tests) its columns are omitted and bars
+relative to it are not judged. Exit status: see tests/benchmarks/bars.py.
 """
 
 import argparse
@@ -67,8 +67,8 @@ HEAD = (
 
 
 def judge(window: Window, bars: Bars) -> None:
-    """The bars of this window. A missed deadline is the loop's own where no witness's stall and no
-    preemption explains it."""
+    """Judge the bars of this window. A missed deadline counts against the loop if no stall of the
+    witness and no preemption explains it."""
     c = window.reference()
     name = f"{window.rate:g} Hz, {window.load}: "
     if window.rate <= 1000:
@@ -88,7 +88,8 @@ def judge(window: Window, bars: Bars) -> None:
 
 
 def telemetry_cost(rate: float) -> str:
-    """Cost of a published sample, and its ratio to a bare put of the same bytes; one subscriber."""
+    """Return the cost of a published sample, and its ratio to a bare put of the same bytes; one
+    subscriber."""
     count = max(1, round(0.02 * rate))
     samples = np.zeros(count, TELEMETRY)
     samples["seq"] = np.arange(count)
@@ -120,14 +121,15 @@ def telemetry_cost(rate: float) -> str:
 
 
 def start_s(folder: Path, cpu: int) -> float:
-    """Seconds from exec to the first sample, kernels in the cache. One start, not the best."""
+    """Return seconds from exec to the first sample, kernels in the cache. One start, not the
+    best."""
     core = Core(folder, 1000.0, cpu, "auto", free_port())
     core.close()
     return core.start_s
 
 
 def slowest_imports() -> str:
-    """The imports that a start spends its time on."""
+    """Return the imports that take the most time of a start."""
     done = subprocess.run(
         [sys.executable, "-X", "importtime", "-c", "import dehyst.daemon.loop.process"],
         stderr=subprocess.PIPE, text=True, check=True,

@@ -2,10 +2,10 @@
 
     python -m tests.benchmarks.daemon.deadlines_of_axes [--for SECONDS] [--rate HZ] [--serial HZ]
 
-First the compiled loop on simulated stages, one for each axis, at --rate; then the Python loop
-behind the emulated MDT693B and KSG101s, at --serial: "auto" takes what the unit sustains with these
-axes. 0 leaves either out. All axes follow set-points, so that all outputs are written. Wake-up and
-computing time come from the telemetry ring, missed deadlines too. Exit status: see
+It runs the compiled loop on simulated stages, one for each axis, at --rate; then the Python loop on
+the emulated MDT693B and KSG101s, at --serial: "auto" uses the rate that the unit sustains with
+these axes. 0 skips either part. All axes follow set-points, so that all outputs are written.
+Wake-up, computing time and missed deadlines come from the telemetry ring. Exit status: see
 tests/benchmarks/bars.py.
 """
 
@@ -50,7 +50,7 @@ HEAD = (
 
 
 def simulated(folder: Path, axes: str, rate: float, cpu: int) -> Path:
-    """Configuration on simulated stages."""
+    """Write a configuration on simulated stages."""
     text = CONFIG.format(folder=folder, rate=rate, cpu=cpu)
     for axis in axes:
         device = f'{{driver = "simulated", settings = {{stage = "{axis}"}}}}'
@@ -59,7 +59,7 @@ def simulated(folder: Path, axes: str, rate: float, cpu: int) -> Path:
 
 
 def emulated(folder: Path, axes: str, rate: float, cpu: int, bench: EmulatedBench) -> Path:
-    """Configuration on the emulated units."""
+    """Write a configuration on the emulated units."""
     text = CONFIG.format(folder=folder, rate=rate, cpu=cpu)
     text += f'[actuator]\ndriver = "mdt693b"\nsettings = {{port = "{bench.ports["mdt693b"]}"}}\n'
     for axis in axes:
@@ -76,12 +76,12 @@ def written(folder: Path, text: str) -> Path:
 
 
 def measured(config: Path, axes: str, seconds: float) -> dict[str, np.ndarray]:
-    """Telemetry of each axis while all of them follow set-points."""
+    """Return the telemetry of each axis while all of them follow set-points."""
     with core(config, axes[0]):
         rings = {axis: Rings(config.parent, axis) for axis in axes}
         for i, ring in enumerate(rings.values()):
             ring.command(LoopCommand.SETPOINT, 4.0 + i)
-        time.sleep(2.5)  # warm, and there
+        time.sleep(2.5)  # warm-up and approach
         begun_ns = time.monotonic_ns()
         time.sleep(seconds)
         reported = {axis: ring.read("telemetry") for axis, ring in rings.items()}
@@ -91,7 +91,7 @@ def measured(config: Path, axes: str, seconds: float) -> dict[str, np.ndarray]:
 def sustained(
     folder: Path, axes: str, cpu: int, bench: EmulatedBench, seconds: float
 ) -> tuple[float, dict[str, np.ndarray]]:
-    """(the highest rate that the daemon does not refuse, telemetry at it)."""
+    """Return (the highest rate that the daemon does not refuse, telemetry at it)."""
     rate = 1000.0
     for _ in range(8):
         try:
@@ -105,7 +105,7 @@ def sustained(
 
 
 def judge(axes: str, loop: str, rate: float, reported: dict[str, np.ndarray], bars: Bars) -> float:
-    """One row; the median time from wake-up to the end of the last write [us]."""
+    """Print one row; return the median time from wake-up to the end of the last write [us]."""
     records = reported[axes[0]]
     wake_us = (records["actual_ns"] - records["scheduled_ns"]) * 1e-3
     p50, p99, p999 = np.quantile(wake_us, [0.5, 0.99, 0.999])
@@ -126,7 +126,7 @@ def judge(axes: str, loop: str, rate: float, reported: dict[str, np.ndarray], ba
 
 
 def main() -> int:
-    """The table."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--for", dest="seconds", type=float, default=10.0, help="at most 12")
     parser.add_argument("--rate", type=float, default=5000.0)

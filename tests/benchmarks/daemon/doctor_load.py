@@ -1,4 +1,4 @@
-"""Work for a doctor: cases without end, of a stage that creeps more than its model knows."""
+"""Work for a doctor: endless cases of a stage that creeps more than its model predicts."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ RATE_HZ = 200.0
 
 
 def lay_cases(config: Config, count: int) -> None:
-    """So many cases of 20 s each, 200 Hz, in the watch's folder."""
+    """Write `count` cases of 20 s each, 200 Hz, to the watch's folder."""
     stage = SimulatedStage(StageSettings(creep_gain_per_decade=0.05, amplifier_tau_s=0.01))
     t_s, volts = pattern(75.0, 66.0, RATE_HZ)
     _, measured = stage.run(t_s, volts)

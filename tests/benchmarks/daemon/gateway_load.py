@@ -1,12 +1,12 @@
-"""What the gateway costs: telemetry at 1 and 10 kHz to a subscriber, and the way of a set-point.
+"""Cost of the gateway: telemetry at 1 and 10 kHz to a subscriber, and latency of a set-point.
 
 python tests/benchmarks/daemon/gateway_load.py [SECONDS]
 
-Rings are written at the given rate by a process of its own; gateway and subscriber are processes
-as well. CPU is user and system time of the gateway per second. `age` is from the loop's wake-up to
-the subscriber's hands and holds half a batch on average. `bare` is a plain zenoh publisher's CPU
-time for the same bytes at the same rate. `set-point` is from the client's call to the record in
-the loop's ring.
+A separate process writes the rings at the given rate; gateway and subscriber are processes as well.
+CPU is user and system time of the gateway per second. `age` is the time from the loop's wake-up to
+the reception by the subscriber and includes half a batch on average. `bare` is a plain zenoh
+publisher's CPU time for the same bytes at the same rate. `set-point` is the time from the client's
+call to the record in the loop's ring.
 """
 
 import json
@@ -31,8 +31,8 @@ from dehyst.daemon.rings.status import STATUS
 SIZES = {"telemetry": 65536, "status": 256, "event": 256, "command": 65536}
 
 MOST_CPU, MOST_AGE_MS, MOST_SETPOINT_US = 10.0, 50.0, 5000.0
-"""Bars: twice and more of what was measured on a quiet machine with two processors (3.4 %, 23 ms),
-so that a change of kind is seen and a slower machine is not. A batch is 20 ms long."""
+"""Bars: at least twice what was measured on a quiet machine with two processors (3.4 %, 23 ms), so
+that they detect a fundamental change but not a slower machine. A batch is 20 ms long."""
 
 
 def writer(directory: str, rate_hz: float, stop: "multiprocessing.synchronize.Event") -> None:
@@ -63,13 +63,13 @@ def writer(directory: str, rate_hz: float, stop: "multiprocessing.synchronize.Ev
 
 
 def cpu_s(pid: int) -> float:
-    """User and system time of a process."""
+    """Return the user and system time of a process."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def telemetry(bench: Bench, seconds: float) -> tuple[int, int, float, np.ndarray]:
-    """(samples, lost, gateway CPU share, ages in ms)."""
+    """Return (samples, lost, gateway CPU share, ages in ms)."""
     client = bench.client()
     stream = client.stream()
     stream.read(1.0)
@@ -85,7 +85,7 @@ def telemetry(bench: Bench, seconds: float) -> tuple[int, int, float, np.ndarray
 
 
 def setpoints(bench: Bench, count: int = 300) -> np.ndarray:
-    """Microseconds from put() to the record in the command ring."""
+    """Return microseconds from put() to the record in the command ring."""
     client = bench.client()
     ring = Ring.attach(bench.config.directory / "command.ring", LAYOUTS["command"])
     client.send(1.0)
@@ -101,7 +101,7 @@ def setpoints(bench: Bench, count: int = 300) -> np.ndarray:
 
 
 def bare(rate_hz: float, batch_s: float, seconds: float) -> float:
-    """CPU share of this process while it puts the same bytes with zenoh alone."""
+    """Return the CPU share of this process while it puts the same bytes with zenoh alone."""
     port = free_port()
     config = zenoh.Config()
     config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))

@@ -5,13 +5,12 @@
 The core and the gateway run as processes on the in-process simulated stage at 200 Hz, with rate
 dependence and a lag of the amplifier. The model is identified from the stage's own recording;
 "linear" is a straight line through that recording. The stage does not creep here and its loops are
-symmetric: creep moves its zero by half a micrometre within the run, alike in all modes, and what
-the model cannot represent would hide what tells the modes apart.
-`dehyst play` streams sines; the error is that of the reading against the target in the same record,
-for which the voltage one period before was made. Offline, Compensator and SimulatedStage.run do the
-same without a daemon.
-Exit status 1 unless preview is clearly better than linear and static in the daemon, and every two
-modes that clearly differ offline differ the same way.
+symmetric: creep moves its zero by half a micrometre within the run, equally in all modes, and a
+residual that the model cannot represent would hide the differences between the modes. `dehyst play`
+streams sines; the error is that of the reading against the target in the same record, for which the
+voltage one period before was computed. Offline, Compensator and SimulatedStage.run do the same
+without a daemon. Exit status 1 unless preview is clearly better than linear and static in the
+daemon, and every two modes that clearly differ offline differ in the same direction there.
 """
 
 import argparse
@@ -51,8 +50,8 @@ PLANT = {
     "rate_per_decade": 0.05, "amplifier_tau_s": 6e-3, "sensor_noise_um": 0.005,
     "creep_gain_per_decade": 0.0, "asymmetry": 0.0,
 }  # fmt: skip
-START = 0.35  # part of each sine that is not judged: its first periods
-CLEARLY = 1.25  # factor between two errors that have an order
+START = 0.35  # initial part of each sine that is not judged
+CLEARLY = 1.25  # two errors that differ by at least this factor can be ranked
 
 CONFIG = """
 name = "modes"
@@ -84,9 +83,9 @@ listen = ["{address}"]
 
 
 def excitation() -> Floats:
-    """A slow loop over the range, then loops that shrink at 1 to 14 Hz, each from rest: motion of
-    the kind that is played afterwards. (A recording whose motion was fast all the time gave a
-    model that was off by 0.7 um in a slow loop.)"""
+    """A slow loop over the range, then shrinking loops at 1 to 14 Hz, each from rest: motion of the
+    kind that is played afterwards. (A recording with only fast motion gave a model that was off by
+    0.7 um in a slow loop.)"""
     n, rest = round(1.5 * RATE_HZ), round(0.3 * RATE_HZ)
     t = np.arange(round(RATE_HZ)) / RATE_HZ
     rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(rest) / rest)
@@ -99,7 +98,8 @@ def excitation() -> Floats:
 
 
 def identified() -> tuple[Model, Model]:
-    """The stage's model from its own recording, and a straight line through that."""
+    """Return the stage's model from its own recording, and a straight line through that
+    recording."""
     u = excitation()
     reading = answers(u)
     t = np.arange(u.size) / RATE_HZ
@@ -110,15 +110,15 @@ def identified() -> tuple[Model, Model]:
 
 
 def answers(volts: Floats) -> Floats:
-    """The reading one period after each voltage was commanded, of a fresh stage."""
+    """Return the reading one period after each voltage was commanded, of a fresh stage."""
     t = np.arange(volts.size + 1) / RATE_HZ
     _, reading = SimulatedStage(StageSettings(**PLANT)).run(t, np.append(volts, volts[-1]))  # type: ignore[arg-type]
     return np.asarray(reading[1:])
 
 
 def trajectory(seconds: float) -> tuple[Floats, list[slice]]:
-    """Targets: a loop over the range, so that plant and model know each other's past, then the
-    sines with glides between; and where each sine is judged."""
+    """Return targets: a loop over the range, so that plant and model have the same history, then
+    the sines with glides between; and the slices in which each sine is judged."""
     n = round(1.5 * RATE_HZ)
     parts = [9.0 - 6.0 * np.cos(2 * np.pi * np.arange(n) / n)]
     judged, at = [], n
@@ -134,13 +134,13 @@ def trajectory(seconds: float) -> tuple[Floats, list[slice]]:
 
 
 def rms_nm(error: Floats, judged: list[slice]) -> list[float]:
-    """Of each sine, without its mean: where a loop lies depends on the past that the model and
-    the stage remember differently, alike in all modes."""
+    """Return the rms of each sine about its mean: the offset of a loop depends on the past that
+    model and stage remember differently, equally in all modes."""
     return [1e3 * float(np.nanstd(error[part])) for part in judged]
 
 
 def offline(model: Model, mode: str, seconds: float) -> list[float]:
-    """The errors without a daemon; a slow approach comes first, as in the daemon."""
+    """Return the errors without a daemon; a slow approach comes first, as in the daemon."""
     target, judged = trajectory(seconds)
     approach = np.linspace(0.0, target[0], 100)
     whole = np.concatenate([approach, target])
@@ -155,14 +155,14 @@ def offline(model: Model, mode: str, seconds: float) -> list[float]:
 
 
 def free_port() -> int:
-    """On loopback."""
+    """Return a free port on loopback."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 def start(*arguments: str) -> "subprocess.Popen[bytes]":
-    """One of dehyst's processes."""
+    """Start one of dehyst's processes."""
     env = {**os.environ, "DEHYST_SUPERVISED": "1"}
     return subprocess.Popen(
         [sys.executable, "-P", "-m", "dehyst.daemon.main", *arguments], env=env,
@@ -171,7 +171,7 @@ def start(*arguments: str) -> "subprocess.Popen[bytes]":
 
 
 def in_daemon(folder: Path, model: Model, mode: str, seconds: float) -> list[float]:
-    """The errors of `dehyst play`, from the telemetry of the samples that it commanded."""
+    """Return the errors of `dehyst play`, from the telemetry of the samples that it commanded."""
     address = f"tcp/127.0.0.1:{free_port()}"
     settings = ", ".join(f"{k} = {v}" for k, v in {**PLANT}.items())
     path = folder / "config.toml"
@@ -216,7 +216,7 @@ def ready(address: str, processes: "list[subprocess.Popen[bytes]]") -> None:
 
 
 def played(folder: Path, address: str, seconds: float) -> list[float]:
-    """The trajectory by `dehyst play`; its errors by the telemetry ring."""
+    """Play the trajectory by `dehyst play`; return its errors from the telemetry ring."""
     target, judged = trajectory(seconds)
     t = np.arange(target.size) / RATE_HZ
     file = folder / "sine.csv"
@@ -238,10 +238,10 @@ def played(folder: Path, address: str, seconds: float) -> list[float]:
 
 
 def errors(samples: NDArray[Any], target: Floats) -> Floats:
-    """Reading less target of each sample of the trajectory, NaN where the loop missed it.
+    """Return reading minus target of each sample of the trajectory, NaN if the loop missed it.
 
-    An approach comes before the trajectory, a hold at its end after it: it is where the targets
-    that were followed are its own.
+    An approach precedes the trajectory and a hold follows it: the trajectory is located where the
+    targets that were followed match its own.
     """
     at = np.rint((samples["scheduled_ns"] - samples["scheduled_ns"][0]) * 1e-9 * RATE_HZ).astype(
         int
@@ -259,8 +259,8 @@ def errors(samples: NDArray[Any], target: Floats) -> Floats:
 
 
 def alike(within: dict[str, float], without: dict[str, float]) -> bool:
-    """Whether preview is clearly the best but for causal in the daemon, and every two modes that
-    clearly differ offline rank the same way in the daemon."""
+    """Return whether preview is clearly better than linear and static in the daemon, and every two
+    modes that clearly differ offline rank the same way in the daemon."""
     others = [within[m] for m in within if m in ("linear", "static")]
     best = "preview" not in within or all(within["preview"] * CLEARLY < e for e in others)
     return best and all(
@@ -269,7 +269,7 @@ def alike(within: dict[str, float], without: dict[str, float]) -> bool:
 
 
 def ranking(errors: dict[str, float]) -> str:
-    """The modes from the smallest error on; = where two neighbours do not clearly differ."""
+    """Return the modes by increasing error; = between two neighbours that do not clearly differ."""
     order = sorted(errors, key=lambda mode: errors[mode])
     words = order[:1]
     for best, mode in pairwise(order):

@@ -70,7 +70,7 @@ def judge(
     log: tuple[np.ndarray, np.ndarray],
     bars: Bars,
 ) -> None:
-    """The figures, and the bars."""
+    """Print the figures, and the bars."""
     for words in (*account.lost, *account.unreadable):
         print(words)
     times = np.array([seconds for _, _, seconds in account.recovery_s] or [np.nan])
@@ -92,7 +92,7 @@ def judge(
 
 
 def judge_output(log: tuple[np.ndarray, np.ndarray], bars: Bars) -> None:
-    """Range and slew over every window of the amplifier's own log."""
+    """Judge range and slew over every window of the amplifier's own log."""
     _, volts = log
     bars.least("lowest output", float(volts.min()), 0.0, "V")
     bars.most("highest output", float(volts.max()), MAX_V + DAC_STEP_V, "V")
@@ -103,8 +103,8 @@ def judge_output(log: tuple[np.ndarray, np.ndarray], bars: Bars) -> None:
 
 
 def dead_man(rig: Rig) -> tuple[float, float]:
-    """(seconds, volts before) of what ExecStopPost= of the unit runs, cold, after supervisor and
-    core were killed at once while the output was high."""
+    """Return (seconds, volts before) of the unit's ExecStopPost= command, run cold, after
+    supervisor and core were killed at once while the output was high."""
     assert rig.mover is not None
     rig.mover.kill()
     rig.mover.wait(5.0)

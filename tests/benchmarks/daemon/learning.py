@@ -4,8 +4,8 @@
 
 In this process at 1 kHz, through the same step as in the daemon: sines, a raster and a staircase
 learned from pass to pass; trim alone on random motion and on a staircase of dwells; three models;
-faults of gauge, stage and loop; what a pass costs to learn. learning_diagnosed.py beside it asks
-the diagnosis, learning_through_serial.py plays from another process.
+faults of gauge, stage and loop; what a pass costs to learn. learning_diagnosed.py checks the
+diagnosis of such recordings, and learning_through_serial.py plays from another process.
 """
 
 import argparse
@@ -37,20 +37,20 @@ SINES = (
 """Hertz, um peak to peak, nm from the fourth pass and from the sixteenth on."""
 MEAN_NM = 15.0
 GAUGE_LAGS_S = 75e-6, 150e-6
-"""In the model. The gauge's filter has 150 us; where the loop reads it, 1 ms after a step of the
-output, the reading is 75 us late."""
+"""Lags in the model. The gauge's filter has 150 us; when the loop reads it, 1 ms after a step of
+the output, the reading is 75 us late."""
 FAULT_AT = 10  # pass
 
 
 def line(name: str, one: Scan) -> str:
-    """The passes of a scan, first, fourth, eighth ..."""
+    """Format the passes of a scan: first, fourth, eighth ..."""
     shown = [i for i in (0, 1, 2, 3, 7, 11, 15, 19) if i < len(one.std_nm)]
     std = " ".join(f"{one.std_nm[i]:6.1f}" for i in shown)
     return f"{name:34s} {std}   mean {one.mean_nm[0]:+.0f} to {one.mean_nm[-1]:+.1f}"
 
 
 def sines(model: Model, passes: int, bars: Bars) -> None:
-    """Row 1."""
+    """Measure row 1."""
     print("std of the true error, nm; pass      1      2      3      4      8     12     16     20")
     for hertz, um, fourth, sixteenth in SINES:
         one = scan(model, sine(hertz, um), passes)
@@ -70,7 +70,7 @@ def sines(model: Model, passes: int, bars: Bars) -> None:
 
 
 def random_motion(seconds: float, seed: int) -> Floats:
-    """Below 5 Hz, 6 um about 8 um."""
+    """Return a motion below 5 Hz, 6 um about 8 um."""
     n = round(seconds / PERIOD_S)
     spectrum = np.fft.rfft(np.random.default_rng(seed).standard_normal(n))
     hertz = np.fft.rfftfreq(n, PERIOD_S)
@@ -80,7 +80,7 @@ def random_motion(seconds: float, seed: int) -> Floats:
 
 
 def trim_alone(model: Model, bars: Bars) -> None:
-    """Row 3."""
+    """Measure row 3."""
     for seed in (1, 2, 3):
         target = random_motion(30.0, seed)
         found = {}
@@ -108,7 +108,7 @@ def trim_alone(model: Model, bars: Bars) -> None:
 
 
 def models(plain: Model, passes: int, bars: Bars) -> None:
-    """Row 4."""
+    """Measure row 4."""
     creep = Block("creep", "stage", {"gain_per_decade": 0.012, "tau_min_s": 0.01, "tau_max_s": 1e4})
     other = StageSettings(stroke_um=17.4 * 1.1, hysteresis_width=0.132)
     t_s, volts = exploring_drive()
@@ -131,7 +131,7 @@ def models(plain: Model, passes: int, bars: Bars) -> None:
 
 
 def tampers() -> dict[str, tuple[Callable[[int], Tamper | None], str]]:
-    """Name: what goes wrong in a pass, and a word that must be said."""
+    """Return by name: the disturbance in a pass, and a word that must be reported."""
     kept: dict[str, float] = {}
 
     def stuck(rig: TrimmedStage, reading: float) -> float:
@@ -163,7 +163,8 @@ def tampers() -> dict[str, tuple[Callable[[int], Tamper | None], str]]:
 
 
 def faults(model: Model, learn: bool, bars: Bars) -> None:
-    """Row 5: while trimming, and while learning too. A drift is followed: no mean to be judged."""
+    """Measure row 5: while trimming, and while learning too. A drift is followed, so its mean is
+    not judged."""
     coupled = StageSettings(coupling_um_per_v=0.01)
     target, passes = sine(5.0, 6.0), FAULT_AT + 8
     every = np.random.default_rng(5)
@@ -202,7 +203,8 @@ def faults(model: Model, learn: bool, bars: Bars) -> None:
 
 
 def cost(model: Model, bars: Bars) -> None:
-    """Row 7. The whole loop with trim and without: tests.benchmarks.daemon.deadlines."""
+    """Measure row 7. For the whole loop with and without trim:
+    tests.benchmarks.daemon.deadlines."""
     target = np.tile(sine(1.0, 8.0), 100)
     learner = Learner(target, PERIOD_S, 0.02, 1.7)
     noise = np.random.default_rng(1).normal(0.0, 0.02, (6, target.size))
@@ -216,7 +218,7 @@ def cost(model: Model, bars: Bars) -> None:
     for rig in rigs.values():
         rig.play(sine(5.0, 6.0))
     us = dict.fromkeys(rigs, float("inf"))
-    for _ in range(60):  # in turn: the machine is as busy for the one as for the other
+    for _ in range(60):  # alternately, so that the machine is equally busy for both
         for trim, rig in rigs.items():
             words, stepper = rig.stepper.table.words, rig.stepper
             begun = time.perf_counter()

@@ -4,13 +4,14 @@ without?
     python -m tests.benchmarks.daemon.learning_diagnosed [--seeds N] [--first SEED]
         [--effects creep ...] [--kept FILE]
 
-Creep, a resonance and a lag of the sensor on the simulated stage. The model is the hysteresis
-alone, identified from an open-loop drive of the same stage: with the lag, which identification
-finds, there would be nothing to tell. The diagnosis gets that recording and one of 24 s of
-tracking, made three ways. Judged is whether the effect is named first; where the recording without
-trim and learning does not show it, nothing can be asked of the others. What would have been seen is
-not asked: it names nothing, and takes half of the time. A case takes minutes: what has run stands
-in FILE, and another run with it goes on from there. Exit status: see tests/benchmarks/bars.py.
+It simulates creep, a resonance and a lag of the sensor on the simulated stage. The model is the
+hysteresis alone, identified from an open-loop drive of the same stage: with the lag, which
+identification finds, there would be nothing to report. The diagnosis gets that recording and one of
+24 s of tracking, made in three ways. The bar is that the effect is named first; if the recording
+without trim and learning does not show it, the other two are not judged. Exclusion limits are
+skipped: they name nothing, and take half of the time. A case takes minutes: finished cases are
+stored in FILE, and another run with it continues from there. Exit status: see
+tests/benchmarks/bars.py.
 """
 
 import argparse
@@ -46,7 +47,7 @@ CHOSEN = [t for t in TRIALS if t.name in ("creep", "resonance", "lag of the sens
 
 
 def recording_of(rig: TrimmedStage, name: str) -> Recording:
-    """As `dehyst record` writes it: the drive in force at each reading."""
+    """Return a recording as `dehyst record` writes it: the drive in force at each reading."""
     records = rig.telemetry
     drive = np.concatenate([[0.0], records["volts"][:-1]])
     channels = {
@@ -60,7 +61,7 @@ def recording_of(rig: TrimmedStage, name: str) -> Recording:
 
 
 def passes(seed: int) -> Floats:
-    """Three seconds of sines that fit into them."""
+    """Return three seconds of sines with whole periods."""
     rng = np.random.default_rng(seed)
     t = PERIOD_S * np.arange(3000)
     waves = [np.sin(2 * np.pi * (n * t / 3.0 + rng.random())) / n**0.5 for n in (1, 3, 8, 19, 34)]
@@ -69,7 +70,7 @@ def passes(seed: int) -> Floats:
 
 
 def tracked(model: Model, settings: StageSettings, way: str, seed: int) -> Recording:
-    """24 s of tracking, one way."""
+    """Return 24 s of tracking, made in one of the ways."""
     if way == "learning":
         rig = scan(model, passes(seed), 8, settings).rig
         assert rig is not None
@@ -80,7 +81,7 @@ def tracked(model: Model, settings: StageSettings, way: str, seed: int) -> Recor
 
 
 def names_of(trial: Trial, seed: int) -> dict[str, list[str]]:
-    """What is named, by way."""
+    """Return the names found, by way."""
     drive = exploring(seed)
     plain = run(stage_with(trial, seed), drive, surroundings(drive.size, seed), None)
     first = Recording(plain.t_s, plain.volts, plain.reading_um, name="identify.csv")
@@ -96,7 +97,7 @@ def names_of(trial: Trial, seed: int) -> dict[str, list[str]]:
 
 
 def judge(trial: Trial, cases: Mapping[int, Mapping[str, list[str]]], bars: Bars) -> str:
-    """The bars of one effect, and its row of the table. cases: names by seed and way."""
+    """Add the bars of one effect; return its row of the table. cases: names by seed and way."""
     named = {
         way: {seed for seed, of in cases.items() if of[way] and of[way][0] in trial.expected}
         for way in WAYS

@@ -2,17 +2,18 @@
 
     python -m tests.benchmarks.daemon.learning_through_serial [--passes N]
 
-The error is the true displacement's, by the bench's own clock, at the moment at which the gauge
-was read: it is this moment that the loop compares with the target, and learns of. The emulated
-gauge writes down where the stage was. At the deadline, 0.4 ms earlier, the stage is elsewhere: each
-step of the output makes it ring at 780 Hz. What it was there is printed too: a second simulated
-stage is led by the amplifier's log of its output. Passes in which the loop missed a deadline are
-learned from by nobody, and not judged. Each sine is learned twice: as it is, and with the gauge's
-filter declared (`--gauge-filter-s`), which is judged.
+The error is that of the true displacement, by the bench's own clock, at the moment at which the
+gauge was read, which is the moment that the loop compares with the target and learns from. The
+emulated gauge logs where the stage was. At the deadline, 0.4 ms earlier, the stage is elsewhere:
+each step of the output makes it ring at 780 Hz. Its position there is printed too: a second
+simulated stage follows the amplifier's log of its output. Passes in which the loop missed a
+deadline are not learned from and not judged. Each sine is learned twice: without, and with the
+gauge's filter declared (`--gauge-filter-s`), which is judged.
 
-Where the machine takes time from the loop, most passes miss a deadline. A witness beside the loop
-tells that from a loop that is late by itself (tests/benchmarks/late_wakeups.py), and the load
-before the run tells of a machine that others use. Exit status: see tests/benchmarks/bars.py.
+If the machine takes time from the loop, most passes miss a deadline. A witness that runs at the
+same time distinguishes this from a loop that is late by itself (tests/benchmarks/late_wakeups.py),
+and the load before the run shows whether others use the machine. Exit status: see
+tests/benchmarks/bars.py.
 """
 
 import argparse
@@ -42,12 +43,13 @@ from dehyst.models.model import Floats
 SINES = ((1.0, 8.0), (5.0, 6.0))
 FILTERS_S = (0.0, 150e-6)  # not declared, and as the simulated gauge has it
 LEAST_GAIN = 5.0
-BEFORE_S = 60.0  # the approach is so long ago at the most, where the machine is busy
+BEFORE_S = 60.0  # the longest time since the approach, on a busy machine
 
 
 class Errors(NamedTuple):
-    """(passes, n) each [nm], NaN where a pass missed a deadline or a sample had no reading: of the
-    true displacement when the gauge was read, of the reading, of the true one at the deadline."""
+    """(passes, n) each [nm], NaN if a pass missed a deadline or a sample had no reading: errors of
+    the true displacement when the gauge was read, of the reading, and of the true one at the
+    deadline."""
 
     true: Floats
     reading: Floats
@@ -55,7 +57,7 @@ class Errors(NamedTuple):
 
 
 def true_at(logged: dict[str, np.ndarray], moments_ns: np.ndarray) -> Floats:
-    """(n,) where the stage was at these times [um]."""
+    """Return (n,) the true displacement at these times [um]."""
     log_ns, volts = logged["time_ns"], logged["volts"]
     every, where = np.unique(np.concatenate([log_ns, moments_ns]), return_inverse=True)
     held = volts[np.clip(np.searchsorted(log_ns, every, side="right") - 1, 0, None)]
@@ -64,7 +66,7 @@ def true_at(logged: dict[str, np.ndarray], moments_ns: np.ndarray) -> Floats:
 
 
 def errors_of(client: Client, bench: EmulatedBench, passes: int, n: int) -> Errors:
-    """What the bench and the loop wrote down of the newest passes."""
+    """Return the errors that bench and loop logged in the newest passes."""
     records = client.history(seconds=passes * n / RATE_HZ + BEFORE_S)
     begun = int(np.flatnonzero(records["flags"] & int(Flag.APPROACH))[-1]) + 1
     records = records[begun : begun + passes * n]
@@ -82,7 +84,7 @@ def errors_of(client: Client, bench: EmulatedBench, passes: int, n: int) -> Erro
 
 
 def scatter(error: Floats) -> Floats:
-    """(passes,) std of each; NaN where a pass is not judged."""
+    """Return (passes,) the std of each; NaN if a pass is not judged."""
     judged = np.isfinite(error).any(axis=1)
     out = np.full(judged.size, np.nan)
     out[judged] = np.nanstd(error[judged], axis=1)
@@ -90,14 +92,14 @@ def scatter(error: Floats) -> Floats:
 
 
 def gain_of(error: Floats) -> float:
-    """Std of the first pass over that of the last ones."""
+    """Return the std of the first pass divided by that of the last ones."""
     std = scatter(error)
     first, last = std[:3][np.isfinite(std[:3])], std[12:][np.isfinite(std[12:])]
     return float(first[0] / np.median(last)) if first.size and last.size else np.nan
 
 
 def tell(errors: Errors) -> None:
-    """The passes, and what is the same in all of the last ones."""
+    """Print the passes, and the error common to all of the last ones."""
     words = ("true when the gauge is read", "reading, with its noise", "true at the deadline")
     for what, error in zip(words, errors, strict=True):
         std, last = scatter(error), error[12:][np.isfinite(error[12:]).any(axis=1)]
@@ -107,9 +109,9 @@ def tell(errors: Errors) -> None:
 
 
 def judge(bars: Bars, name: str, gain: float, share: float, busy: str) -> None:
-    """The bar of one sine. gain: NaN where no first or no last pass had all its deadlines; share:
-    of the witness' wake-ups that were late, NaN without one; busy: why the load before the run says
-    that nothing can be judged: the kernel carries a pseudo terminal's bytes at no high priority."""
+    """Judge the bar of one sine. gain: NaN if no first or no last pass met all its deadlines;
+    share: of the witness' wake-ups that were late, NaN without a witness; busy: why the load before
+    the run prevents judging: the kernel carries a pseudo terminal's bytes at no high priority."""
     why = busy or was_away(share)
     if why and not gain >= LEAST_GAIN:
         passes = "no pass to judge" if math.isnan(gain) else f"{gain:.1f}"
@@ -169,7 +171,7 @@ def main() -> int:
 
 
 def connected(address: str) -> Client | None:
-    """A client of a loop that runs."""
+    """Return a client of a running loop."""
     try:
         client = Client(connect=address)
     except BusError:
@@ -177,7 +179,7 @@ def connected(address: str) -> Client | None:
     try:
         if client.status().state == "ready":
             return client
-    except BusError:  # it is there, and does not answer yet
+    except BusError:  # started, but not answering yet
         pass
     client.close()
     return None

@@ -2,11 +2,11 @@
 
     python -m tests.benchmarks.daemon.learning_times [--passes N]
 
-The simulated stage at 200 Hz, the output set and the gauge read as long after the deadline as by
-the emulated MDT693B and KSG101, with their jitter and without, the stage with its 780 Hz mode and
-without, the gauge with its filter of 150 us and without, its filter declared and not. Standard
-deviation of the true error, of the first pass and (median) of the last ones; of these also what
-repeats from pass to pass.
+The simulated stage runs at 200 Hz, with the output set and the gauge read as long after the
+deadline as by the emulated MDT693B and KSG101, with and without their jitter, the stage with and
+without its 780 Hz mode, the gauge with and without its filter of 150 us, its filter declared or
+not. Printed is the standard deviation of the true error, of the first pass and (median) of the last
+ones; for the last ones also the part that repeats from pass to pass.
 """
 
 import argparse
@@ -27,11 +27,11 @@ from dehyst.models.model import Floats, Model
 SINES = ((1.0, 8.0), (5.0, 6.0))
 SETTLED = 12  # passes
 FILTER_S = 150e-6
-BOUND = 0.1  # of the reach, as the loop bounds it
+BOUND = 0.1  # share of the reach, the same bound as in the loop
 
 
 class Times(NamedTuple):
-    """After the deadline [s], and what chance adds, uniform from 0 to it."""
+    """Delays after the deadline [s], and the random part added to them, uniform from 0."""
 
     reading_s: float = 0.45e-3
     output_s: float = 1.95e-3
@@ -49,11 +49,11 @@ class LateStage(TrimmedStage):
         self.set_s: list[float] = []
 
     def tick(self, commands: np.ndarray, tamper: Tamper | None = None) -> None:
-        """One sample."""
+        """Run one sample."""
         times, stage, period_s = self.times, self.stage, self.period_ns * 1e-9
         read_s = times.reading_s + times.reading_jitter_s * self.chance.random()
         set_s = times.output_s + times.output_jitter_s * self.chance.random()
-        self.read_s.append(self.now_ns * 1e-9)  # all that telemetry tells of it
+        self.read_s.append(self.now_ns * 1e-9)  # telemetry has only this time
         self.set_s.append(self.now_ns * 1e-9 + set_s)
         stage.advance(read_s)
         reading = stage.reading_um()
@@ -68,7 +68,8 @@ class LateStage(TrimmedStage):
 
 
 def outputs_before(rig: LateStage, own: slice, back: int) -> tuple[Floats, Floats]:
-    """(n, back) steps of the output before each reading of a pass, and how long ago each was."""
+    """Return (n, back) steps of the output before each reading of a pass, and the time since
+    each."""
     volts = np.array([float(record["volts"]) for record in rig.records[: own.stop]])
     at = np.maximum(np.arange(own.start, own.stop)[:, None] - np.arange(1, back + 1), 1)
     read_s, set_s = np.array(rig.read_s), np.array(rig.set_s)
@@ -78,7 +79,7 @@ def outputs_before(rig: LateStage, own: slice, back: int) -> tuple[Floats, Float
 def learned(
     rig: LateStage, model: Model, target: Floats, passes: int, filter_s: float = 0.0
 ) -> Floats:
-    """(passes, n) true errors [nm]. filter_s: as declared, 0: not."""
+    """Return (passes, n) true errors [nm]. filter_s: as declared, 0 if not declared."""
     late = LateGauge(filter_s)
     period_s, player, out = 1.0 / RATE_HZ, Player(rig), []
     reach_um = rig.reach[1] - rig.reach[0]

@@ -22,11 +22,11 @@ from tests.rigs.output import DAC_STEP_V
 
 STOOD = "the loop paused"
 LEAST_MINUTES = 5.0
-"""Each change has half a minute to come to its end."""
+"""Each change needs half a minute to finish."""
 
 
 def main() -> int:
-    """Print what was done, what was flagged, and the bars."""
+    """Print the changes, the flags and the bars."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
@@ -47,7 +47,7 @@ def main() -> int:
     print("\n".join(["", *table]))
     print(f"\nplay: {ended}\n{words[-1500:]}")
     busy = too_busy() if STOOD in str(ended["reason"]) else ""
-    if busy:  # the emulated amplifier was kept waiting by other processes
+    if busy:  # other processes delayed the emulated amplifier
         bars.cannot("the play to its end", busy)
     else:
         bars.none("plays that ended early", int(not ended["completed"]))
@@ -60,7 +60,7 @@ def main() -> int:
 
 
 def change(rig: LongScan) -> None:
-    """Six model changes, and between them a killed gateway and a reload of the same model."""
+    """Make six model changes, and between them kill a gateway and reload the same model."""
     t = rig.seconds
     short, whole = scaled(1.15, 0.45), scaled(1.1)
     rig.do(0.07 * t, "SIGHUP, shorter reach", lambda: rig.reload(short))

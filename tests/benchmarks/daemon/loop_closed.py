@@ -2,11 +2,11 @@
 
     python -m tests.benchmarks.daemon.loop_closed [--effects creep,lag] [--json FILE]
 
-On the simulated stage (Maxwell-slip hysteresis, its own equations for every effect). The model
-is identified from an open-loop recording of the same disturbed stage with hysteresis alone;
-both recordings go into the diagnosis. The errors are of the true displacement against the target
-on a trajectory that was not diagnosed; the same compensator class runs both models, with the same
-look-ahead. A lag of the sensor must not be compensated: the true displacement stays right.
+On the simulated stage (Maxwell-slip hysteresis, its own equations for every effect). The model is
+identified with hysteresis alone from an open-loop recording of the same disturbed stage; both
+recordings go into the diagnosis. The errors are of the true displacement against the target on a
+trajectory that was not diagnosed; the same compensator class runs both models, with the same
+look-ahead. A lag of the sensor must not be compensated: the true displacement stays correct.
 """
 
 import argparse
@@ -32,12 +32,13 @@ from dehyst.models.recording import Recording
 PERIOD_S = 1e-3
 LOW_V, HIGH_V, SLEW = 0.0, 150.0, 40_000.0
 PREVIEW_S = 0.05
-START_S = 1.0  # the way from rest to the trajectory is not judged
+START_S = 1.0  # the approach from rest to the trajectory is not judged
 
 
 @dataclass(frozen=True)
 class Trial:
-    """name: the effect; expected: what the diagnosis should say; settings: of the stage."""
+    """One effect to test. name: the effect; expected: the diagnosis expected; settings: of the
+    stage."""
 
     name: str
     expected: tuple[str, ...]
@@ -66,14 +67,14 @@ class Run:
     channels: dict[str, Floats]
 
     def recording(self, name: str) -> Recording:
-        """As the daemon records it."""
+        """Return a recording as the daemon writes it."""
         return Recording(
             self.t_s, self.volts, self.reading_um, channels=self.channels, name=name
         )  # fmt: skip
 
 
 def stage_with(trial: Trial, seed: int) -> SimulatedStage:
-    """Hysteresis and noise, and the one effect."""
+    """Return a stage with hysteresis, noise, and the one effect."""
     quiet = StageSettings(seed=seed).quiet(
         hysteresis_width=0.12, asymmetry=0.15, sensor_noise_um=0.01, **trial.settings
     )
@@ -81,7 +82,7 @@ def stage_with(trial: Trial, seed: int) -> SimulatedStage:
 
 
 def surroundings(samples: int, seed: int) -> dict[str, Floats]:
-    """A room that warms by 2 K, and an axis that moves now and then."""
+    """Return the temperature of a room that warms by 2 K, and an axis that moves now and then."""
     rng = np.random.default_rng(seed)
     t = np.arange(samples) * PERIOD_S
     room = 22.0 + 2.0 * t / t[-1] + 0.5 * np.sin(2 * np.pi * t / 13.0 + rng.random())
@@ -91,7 +92,7 @@ def surroundings(samples: int, seed: int) -> dict[str, Floats]:
 
 
 def trajectory(seed: int, seconds: float = 24.0) -> Floats:
-    """Sines of 0.3 to 12 Hz, then quick moves (25 ms) with holds of 1 s, then triangles."""
+    """Return sines of 0.3 to 12 Hz, then quick moves (25 ms) with holds of 1 s, then triangles."""
     rng = np.random.default_rng(seed)
     n = round(seconds / PERIOD_S)
     t = np.arange(n) * PERIOD_S
@@ -110,7 +111,7 @@ def trajectory(seed: int, seconds: float = 24.0) -> Floats:
 
 
 def exploring(seed: int, seconds: float = 20.0) -> Floats:
-    """An open-loop drive for the identification: sines over the range, from rest."""
+    """Return an open-loop drive for the identification: sines over the range, from rest."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds / PERIOD_S)) * PERIOD_S
     u = sum(np.sin(2 * np.pi * (f * t + rng.random())) for f in (0.31, 0.73, 1.9, 4.1, 9.7))
@@ -120,7 +121,7 @@ def exploring(seed: int, seconds: float = 20.0) -> Floats:
 def run(
     stage: SimulatedStage, volts: Floats | None, around: dict[str, Floats], track: "Track | None"
 ) -> Run:
-    """Sample by sample: command at the start of each period, reading at its end."""
+    """Run sample by sample: command at the start of each period, reading at its end."""
     n = around["temp_c"].size
     out, true, shown = np.empty(n), np.empty(n), np.empty(n)
     for k in range(n):
@@ -146,7 +147,7 @@ class Track:
         )
 
     def drive(self, k: int) -> float:
-        """The next command."""
+        """Return the next command."""
         window = self.target[k : k + self.compensator.window_samples]
         self.compensator.step(self.state, window, window.size, self.channels[k])
         u = self.state.drive
@@ -155,7 +156,7 @@ class Track:
 
 
 def one(trial: Trial, seed: int = 1) -> dict[str, Any]:
-    """The whole story of one effect."""
+    """Run the whole sequence for one effect."""
     started = time.perf_counter()
     drive = exploring(seed)
     around = surroundings(drive.size, seed)
@@ -194,7 +195,8 @@ def one(trial: Trial, seed: int = 1) -> dict[str, Any]:
 
 
 def perfect(seed: int = 1) -> float:
-    """Rms error of the same tracking on the undisturbed stage [nm]: the floor of the method."""
+    """Return the rms error of the same tracking on the undisturbed stage [nm]: the method's
+    floor."""
     bare = Trial("none", (), {})
     drive = exploring(seed)
     recording = run(stage_with(bare, seed), drive, surroundings(drive.size, seed), None)
@@ -207,7 +209,7 @@ def perfect(seed: int = 1) -> float:
 
 
 def table(rows: Sequence[dict[str, Any]], floor_nm: float) -> str:
-    """The rows as text."""
+    """Return the rows as text."""
     lines = [
         "The loop closed: rms error of the true displacement on a trajectory not diagnosed",
         f"{'effect of the stage':20s}{'before':>10s}{'after':>10s}{'95 % before':>13s}"
@@ -224,8 +226,8 @@ def table(rows: Sequence[dict[str, Any]], floor_nm: float) -> str:
 
 
 def judge(rows: Sequence[dict[str, Any]], floor_nm: float) -> Bars:
-    """Each effect is named, and the error on a trajectory not diagnosed falls to half and less (or
-    to the floor of the method)."""
+    """Judge that each effect is named, and that the error on a trajectory not diagnosed falls to at
+    most half (or to the floor of the method)."""
     bars = Bars()
     for r in rows:
         first = (r["named"] or ["nothing"])[0].partition("@")[0]
@@ -237,7 +239,8 @@ def judge(rows: Sequence[dict[str, Any]], floor_nm: float) -> Bars:
 
 
 def collect(names: Sequence[str] = (), say: Any = None) -> tuple[list[dict[str, Any]], float]:
-    """Rows of the trials whose name holds one of `names` (none: all), and the floor."""
+    """Return the rows of the trials whose name contains one of `names` (none: all), and the
+    floor."""
     rows = []
     for trial in TRIALS:
         if not names or any(n in trial.name for n in names):

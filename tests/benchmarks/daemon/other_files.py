@@ -30,12 +30,12 @@ DAMAGED = ("bad-token.npz", "bad-type.npz")
 ASKS: Mapping[str, tuple[str, ...]] = {
     "09_labview_lvm_renamed.csv": ("--columns", "u=Voltage_0,y=Voltage_1", "--unit", "um"),
 }
-"""What each file asks for before it can be read, as the message names it."""
+"""The options that each file requires before it can be read, as the message names them."""
 
 
 @dataclass(frozen=True)
 class Said:
-    """Exit status of a command and what it wrote."""
+    """Exit status and output of a command."""
 
     code: int
     out: str
@@ -43,13 +43,13 @@ class Said:
 
     @property
     def last(self) -> str:
-        """Its last word of a refusal, else the first line of the result."""
+        """Return the last line of a refusal, else the first line of the result."""
         lines = (self.err if self.code else self.out).strip().splitlines()
         return (lines[-1] if self.code else lines[0]) if lines else ""
 
 
 def run(*words: str) -> Said:
-    """One command in this process; a warning of a library counts as written."""
+    """Run one command in this process; a library's warning counts as output."""
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err), warnings.catch_warnings():
         warnings.simplefilter("always")
@@ -61,7 +61,7 @@ def run(*words: str) -> Said:
 
 
 def options_of(reading: ReadOptions) -> list[str]:
-    """The options that say it on a command line."""
+    """Return the corresponding command-line options."""
     words = []
     if reading.columns:
         words += ["--columns", ",".join(f"{k}={v}" for k, v in reading.columns.items())]
@@ -71,7 +71,7 @@ def options_of(reading: ReadOptions) -> list[str]:
 
 
 def made(folder: Path) -> Iterator[tuple[Path, ReadOptions]]:
-    """A file of each kind, and what has to be said of it."""
+    """Yield a file of each kind, and the options that it requires."""
     for name, (data, reading) in TEXTS.items():
         (folder / name).write_bytes(data)
         yield folder / name, reading
@@ -85,7 +85,7 @@ def made(folder: Path) -> Iterator[tuple[Path, ReadOptions]]:
 
 
 def show(path: Path, bars: Bars, folder: Path, options: list[str]) -> None:
-    """A row of the table, and whether it is as it has to be."""
+    """Print a row of the table, and check that the result is as expected."""
     words = ["identify", str(path), "-o", str(folder / "model.toml"), "--force"]
     if options:
         asked = run(*words)

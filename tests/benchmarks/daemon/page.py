@@ -1,9 +1,9 @@
-"""What the page's server takes of a processor: telemetry at 10 kHz, none, one and ten browsers.
+"""Processor use of the page's server: telemetry at 10 kHz; no, one and ten browsers.
 
     python -m tests.benchmarks.daemon.page [--rate 10000] [--for 20]
 
-A browser looks at 10 s on 1000 pixels, in the last line each at another length of time. The
-processor time is the process's own, by the kernel.
+A browser views 10 s on 1000 pixels, in the last line each views a different length of time. The
+processor time is the process's own, as the kernel counts it.
 """
 
 import argparse
@@ -28,22 +28,23 @@ class Reader(threading.Thread):
         self.start()
 
     def run(self) -> None:
-        """Until it is over."""
+        """Read until stopped."""
         while not self.over:
             self.browser.take(0.5)
         self.browser.close()
 
 
 def samples(page: PageProcess) -> float:
-    """Of the loop, as the page knows them."""
+    """Return the loop's sample count, as the page knows it."""
     lines = page.http.get("/metrics").text.splitlines()
     return next(float(x.split()[1]) for x in lines if x.startswith("dehyst_samples_total{"))
 
 
 def measure(page: PageProcess, windows: list[float], seconds: float) -> tuple[float, float, float]:
-    """(share of a processor, frames a second and browser, the loop's samples a second)."""
+    """Return (share of a processor, frames per second and browser, the loop's samples per
+    second)."""
     readers = [Reader(page, window_s) for window_s in windows]
-    time.sleep(4.0)  # what comes first is more
+    time.sleep(4.0)  # the initial traffic is higher
     frames = sum(len(r.browser.frames) for r in readers)
     begun_s, used_s, seen = time.monotonic(), page.cpu_s(), samples(page)
     time.sleep(seconds)

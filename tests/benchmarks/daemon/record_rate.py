@@ -26,7 +26,7 @@ KINDS = ("csv", "mcap")
 
 
 def main() -> int:
-    """Record, compare, print one row a kind of file."""
+    """Record, compare, and print one row per kind of file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rate", type=float, default=10_000.0)
     parser.add_argument("--seconds", type=float, default=20.0)
@@ -36,7 +36,7 @@ def main() -> int:
 
 
 def run(folder: Path, rate_hz: float, seconds: float) -> int:
-    """In a folder of its own; 1 where a sample is missing."""
+    """Run in a separate folder; return 1 if a sample is missing."""
     bench = Bench(folder, **{"rate_hz = 200.0": f"rate_hz = {rate_hz}"})
     try:
         bench.start_gateway()
@@ -65,7 +65,7 @@ def run(folder: Path, rate_hz: float, seconds: float) -> int:
 
 
 def start(bench: Bench, path: Path, seconds: float) -> "subprocess.Popen[str]":
-    """`dehyst record` into a file, at the lowest priority."""
+    """Start `dehyst record` into a file, at the lowest priority."""
     command = [sys.executable, "-m", "dehyst.daemon.main", "record", "-o", str(path), "--json"]
     command += ["--for", str(seconds), "--connect", bench.address]
     return subprocess.Popen(
@@ -74,7 +74,7 @@ def start(bench: Bench, path: Path, seconds: float) -> "subprocess.Popen[str]":
 
 
 def finish(recorder: "subprocess.Popen[str]") -> tuple[dict[str, object], float]:
-    """(its result, its CPU time)."""
+    """Return (its result, its CPU time)."""
     assert recorder.stdout is not None
     said = recorder.stdout.read()
     _, _, used = os.wait4(recorder.pid, 0)
@@ -82,7 +82,7 @@ def finish(recorder: "subprocess.Popen[str]") -> tuple[dict[str, object], float]
 
 
 def by_reader(path: Path) -> dict[str, np.ndarray]:
-    """The columns: an .mcap by its format's own reader."""
+    """Return the columns; for an .mcap read by its format's own reader."""
     if path.suffix == ".csv":
         return read_columns(path)[0]
     rows = []
@@ -97,8 +97,8 @@ def by_reader(path: Path) -> dict[str, np.ndarray]:
 def differing(
     one: dict[str, np.ndarray], other: dict[str, np.ndarray], shift: int, rate_hz: float
 ) -> tuple[int, int]:
-    """(rows that both have, those of them that are not the same); the other began `shift` periods
-    later. The drive before a first row is not known, so that the first ones are left out."""
+    """Return (number of rows that both have, number of those that differ); the other began `shift`
+    periods later. The drive before a first row is unknown, so the first rows are skipped."""
     places = [np.rint(table["t_s"] * rate_hz).astype(int)[1:] for table in (one, other)]
     _, first, second = np.intersect1d(places[0], places[1] + shift, return_indices=True)
     wrong = np.zeros(first.size, bool)

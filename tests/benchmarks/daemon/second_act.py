@@ -4,11 +4,12 @@
                                                  [--busy CORES] [--json FILE] [--keep DIR]
 
 The first act (recording and model) is played once. Each seed has a bench, a daemon and a doctor of
-its own, and takes about three minutes of real time; of thirty seeds each effect that can be drawn
-has at least three. Bars: no seed ends with 1, and on a machine that is left alone (no --busy) none
-with 77; flagged within 10 s of motion in 28 of 30, named right first in 26, error after acceptance
-at most 1.3 times that before the effect in 24, a wrong model kept in none: accepted and proven, but
-the error is not below that with the effect. --busy: so many processors are kept busy beside it.
+its own, and takes about three minutes of real time; among thirty seeds each effect that can be
+drawn has at least three. Bars: no seed ends with 1, and on an otherwise idle machine (no --busy)
+none with 77; flagged within 10 s of motion in 28 of 30, named right first in 26, error after
+acceptance at most 1.3 times that before the effect in 24, a wrong model kept in none (a model is
+wrong if it was accepted and proven, but the error is not below that with the effect). --busy: keeps
+this number of processors busy at the same time.
 """
 
 import argparse
@@ -34,7 +35,7 @@ from dehyst.models.errors import DehystError
 FLAGGED, NAMED, BETTER = 28 / 30, 26 / 30, 24 / 30
 FLAG_S, TIMES = 10.0, 1.3
 LEAST_OF_TEN = 1
-"""Seeds of each effect among ten."""
+"""Minimum number of seeds of each effect among ten."""
 
 
 def quiet(_text: str) -> None:
@@ -42,7 +43,7 @@ def quiet(_text: str) -> None:
 
 
 def choose_seeds(count: int, first: int) -> list[int]:
-    """Seeds from `first` on, as they come, but for those that would leave no room for the effects
+    """Return consecutive seeds from `first` on, skipping those that would leave no room for effects
     that have too few."""
     needed = dict.fromkeys(EFFECTS, LEAST_OF_TEN * count // 10)
     seeds: list[int] = []
@@ -60,7 +61,7 @@ def choose_seeds(count: int, first: int) -> list[int]:
 
 @contextmanager
 def kept_busy(cores: int) -> Iterator[None]:
-    """So many processes that compute without end."""
+    """Run this many processes that compute endlessly."""
     spins = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(cores)]
     try:
         yield
@@ -71,7 +72,7 @@ def kept_busy(cores: int) -> Iterator[None]:
 
 
 def first_act(output: Path) -> None:
-    """recording.csv and model.toml."""
+    """Make recording.csv and model.toml."""
     with tempfile.TemporaryDirectory(prefix="dehyst-act-") as folder:
         demo = Demo(Path(folder), output, quiet)
         try:
@@ -82,7 +83,7 @@ def first_act(output: Path) -> None:
 
 
 def play(output: Path, seed: int, keep: Path | None) -> Story:
-    """One seed. keep: where its cases go."""
+    """Play one seed. keep: folder for its cases."""
     with tempfile.TemporaryDirectory(prefix="dehyst-act-") as folder:
         kept = Path(folder) / "output"
         kept.mkdir()
@@ -100,7 +101,7 @@ def play(output: Path, seed: int, keep: Path | None) -> Story:
 
 
 def row(facts: dict[str, Any]) -> str:
-    """Of the table."""
+    """Return a row of the table."""
     flagged, rms = facts["flagged_after_s"], facts["rms_um"]
     after = "-" if flagged is None else f"{flagged:.1f}"
     nm = [f"{1e3 * (rms.get(k) or 0.0):7.0f}" for k in ("before", "during", "after")]
@@ -114,7 +115,7 @@ def row(facts: dict[str, Any]) -> str:
 
 
 def table_head() -> str:
-    """Of the table."""
+    """Return the head of the table."""
     return (
         f"{'seed':>5}  {'drawn':10} {'flag':>5} {'named':22} right{'state':9}"
         f"{'before':>7}{'with':>7}{'after':>7}  missed exit  (errors in nm rms)"
@@ -122,7 +123,7 @@ def table_head() -> str:
 
 
 def judge(stories: list[dict[str, Any]], bars: Bars) -> None:
-    """The bars, on the facts of these seeds."""
+    """Judge the bars on the facts of these seeds."""
     count = max(1, len(stories))
     flagged = [f for f in stories if (f["flagged_after_s"] or 1e9) <= FLAG_S]
     named = [f for f in stories if f["named_right"]]

@@ -6,10 +6,10 @@
 The simulated stage, the controller's step, the mismatch watch, the doctor's examination and the
 trial are the product's own (tests/rigs/story.py); time is a count of samples, so that a busy
 machine changes nothing. No driver, no serial line, no late sample: second_act.py plays it with all
-of them. The stage has no RC corner, no mode of 780 Hz and no filter of the bridge, which are over
-within a sample and would cost most of the time; and the diagnosis does not say what it would have
-seen, which no figure here depends on. --model: that which a first act has identified, which leaves
-more of the stage than the simulated stage's own. The bars are those of second_act.py.
+of them. The stage has no RC corner, no mode of 780 Hz and no filter of the bridge, which end within
+a sample and would cost most of the time; and the diagnosis omits exclusion limits, on which no
+figure here depends. --model: one that a first act has identified, which leaves a larger residual of
+the stage than the simulated stage's own. The bars are those of second_act.py.
 """
 
 import argparse
@@ -31,11 +31,11 @@ from dehyst.daemon.files.models import load_model
 from dehyst.models.diagnosis import steps
 from dehyst.models.model import Model
 
-DOCTOR_S = 20.0  # that the doctor takes, of the stage's time
+DOCTOR_S = 20.0  # duration of the doctor's work, in the stage's time
 
 
 def tell_story(folder: Path, model: Model, seed: int) -> dict[str, Any]:
-    """One seed, as the facts of second_act.describe_facts."""
+    """Play one seed; return the facts as second_act.describe_facts does."""
     chance = Chance(seed, "")
     facts: dict[str, Any] = {
         "seed": seed, "drawn": "", "flagged_after_s": None, "named": [], "ambiguous_with": [],
@@ -60,7 +60,7 @@ def tell_story(folder: Path, model: Model, seed: int) -> dict[str, Any]:
 
 
 def _examine(story: OfflineStory, facts: dict[str, Any], appeared_s: float) -> None:
-    """From the flag to the end."""
+    """Examine from the flag to the end."""
     if not story.until(lambda: story.open_case() is not None, 120.0):
         facts["why"] = "no case was kept"
         return
@@ -89,7 +89,7 @@ def _examine(story: OfflineStory, facts: dict[str, Any], appeared_s: float) -> N
 
 
 def count_clean(folder: Path, model: Model, seed: int, seconds: float) -> int:
-    """Flags of a stage that stays as it is."""
+    """Count the flags of a stage that does not change."""
     with OfflineStory(folder, model, seed) as story:
         story.until(story.learned, 3.0 * LEARN_S + 60.0)
         story.wait(seconds)
@@ -107,7 +107,7 @@ def main() -> int:
     parser.add_argument("--json", type=Path, help="the facts of each seed")
     parser.add_argument("--clean", type=float, default=0.0, metavar="S", help="nothing changes")
     args = parser.parse_args()
-    steps.limits = lambda *_: ()  # see above
+    steps.limits = lambda *_: ()  # see the module docstring
     model = load_model(args.model) if args.model else simulated_model()
     bars, stories = Bars(), []
     if args.clean:

@@ -5,9 +5,9 @@ compensated, and learned.
 
 In this process, by the true displacement of the simulated stage, at the rate of three axes on one
 serial amplifier: every axis is identified from an open-loop recording (one after the other, then
-together), a raster of 5 x 5 um and a Lissajous figure are followed by x and y while z stands.
-Cross-talk of an axis is what changes in its true displacement when the others move: the same
-targets once with the others and once alone.
+together); x and y follow a raster of 5 x 5 um and a Lissajous figure while z holds its position.
+Cross-talk of an axis is the change in its true displacement when the others move: the same targets
+are run once with the others and once alone.
 """
 
 import argparse
@@ -29,7 +29,7 @@ from dehyst.models.recording import Floats
 AXES = "xyz"
 PERIOD_S = 1.0 / AXES_RATE_HZ
 MIDDLE_UM = {"x": 8.0, "y": 7.5, "z": 8.5}
-LEAST_GAIN = 3.0  # cross-talk without its compensation over that with it
+LEAST_GAIN = 3.0  # ratio of cross-talk without its compensation to that with it
 APPROACH = 300  # samples at the first target before a path is judged
 FIGURES = {
     "raster of 5 x 5 um": scan_raster(5.0, 5.0, 10, 0.5, PERIOD_S),
@@ -47,19 +47,20 @@ def follow(
 
 
 def error_nm(found: TrackingRun, targets: Mapping[str, Floats], axis: str) -> Floats:
-    """About its mean, which is the trim's business (N,)."""
+    """Return the error about its mean, because the trim corrects the mean (N,)."""
     error = 1e3 * (found.true[axis] - targets[axis])
     return np.asarray(error - error.mean())
 
 
 def targets_of(scan: Scan) -> dict[str, Floats]:
-    """x and y run through it, z stands."""
+    """Return targets: x and y follow the scan, z holds its position."""
     still = np.full(scan.x.size, MIDDLE_UM["z"])
     return {"x": scan.x + MIDDLE_UM["x"], "y": scan.y + MIDDLE_UM["y"], "z": still}
 
 
 def cross_talk_nm(models: Mapping[str, Model], scan: Scan, together: TrackingRun) -> float:
-    """Rms over the axes of what the others bring: with them, less alone."""
+    """Return the rms over the axes of the others' contribution: the run with them minus the run
+    alone."""
     whole, found = targets_of(scan), []
     for axis in AXES:
         alone = {a: t if a == axis else np.full(t.size, t[0]) for a, t in whole.items()}
@@ -69,14 +70,14 @@ def cross_talk_nm(models: Mapping[str, Model], scan: Scan, together: TrackingRun
 
 
 def rms_nm(found: TrackingRun, targets: Mapping[str, Floats]) -> float:
-    """Of the path in the plane: both axes."""
+    """Return the rms error of the path in the plane, over both axes."""
     x, y = (error_nm(found, targets, axis) for axis in "xy")
     return float(np.sqrt(np.mean(x**2 + y**2)))
 
 
 def learned(models: Mapping[str, Model], scan: Scan, passes: int) -> tuple[Floats, Floats]:
-    """(passes,) error of the path, and of z that stands, each about its mean [nm]; every axis
-    learns from its gauge. Passes follow on each other, as `dehyst play --repeat` has them."""
+    """Return (passes,) errors of the path, and of the resting z, each about its mean [nm]; every
+    axis learns from its gauge. Passes follow each other directly, as in `dehyst play --repeat`."""
     targets = targets_of(scan)
     learners = {a: Learner(t, PERIOD_S, 0.02, 1.7) for a, t in targets.items()}
     plane, still = [], []

@@ -3,12 +3,12 @@ another process, through an emulated MDT693B and three emulated KSG101.
 
     python -m tests.benchmarks.daemon.three_axes_through_serial [--passes N] [--seconds S]
 
-`dehyst acquire`, `identify`, `scan` and `play` as they are, each a process of its own; the daemon
-once with a straight line for each axis, once with the models without their coupling, once with it,
-and once more with learning. The error is that of the true displacement, as the
-emulated bench has logged it at each reading; z stands under command all the while. Cross-talk is
-what changes in z when the others move: its course while they go through the figure, less its
-course while they stand as long before and behind, which creep and trim leave.
+It runs the unchanged `dehyst acquire`, `identify`, `scan` and `play`, each in its own process; the
+daemon once with a straight line for each axis, once with the models without their coupling, once
+with it, and once more with learning. The error is that of the true displacement, which the emulated
+bench logs at each reading; z is commanded to hold throughout. Cross-talk is the change in z when
+the others move: its displacement while they follow the figure, minus that while they hold for the
+same time before and after, which creep and trim leave.
 """
 
 import argparse
@@ -46,11 +46,11 @@ FIGURES = {
 CENTER = ("--center", "8", "7.5")
 STILL_UM = 8.5
 SETTLE_S = 15.0  # at the first targets, before anything is judged
-AFTER_S = 60.0  # what `dehyst play` may take to end: its report, its picture
+AFTER_S = 60.0  # time for `dehyst play` to end: its report, its picture
 
 
 def run_command(*words: str, seconds: float = 600.0) -> None:
-    """A command of dehyst, in a process of its own; it must not end with 2."""
+    """Run a dehyst command in its own process; it must not end with 2."""
     command = [sys.executable, "-m", "dehyst.daemon.main", *words]
     ended = subprocess.run(command, check=False, env=os.environ, timeout=seconds)
     if ended.returncode not in (0, 1):
@@ -58,7 +58,7 @@ def run_command(*words: str, seconds: float = 600.0) -> None:
 
 
 def straight(model: Model) -> Model:
-    """The line through the ends of the loop: what a linear gain is."""
+    """Return the line through the ends of the loop, which is a linear gain."""
     low, high = model.validity.drive_min, model.validity.drive_max
     ends = simulate_hysteresis(model.hysteresis, np.linspace(low, high, 500), 1e9)[[0, -1]]
     slope = float(ends[1] - ends[0]) / (high - low)
@@ -68,7 +68,7 @@ def straight(model: Model) -> Model:
 
 
 def identified(folder: Path, config: Path, seconds: float) -> dict[str, dict[str, Model]]:
-    """Models of each axis by kind, from recordings that `dehyst acquire` makes."""
+    """Return the models of each axis by kind, from recordings that `dehyst acquire` makes."""
     t_s, volts = exploring_drive(AXES_RATE_HZ, seconds)
     write_recording(folder / "drive.csv", t_s, {"u_v": volts})
     recording = str(folder / "rec.csv")
@@ -85,7 +85,7 @@ def identified(folder: Path, config: Path, seconds: float) -> dict[str, dict[str
 
 
 def log_of(bench: EmulatedBench) -> dict[str, tuple[Floats, Floats]]:
-    """(time [ns], true displacement [um]) at each reading, by axis."""
+    """Return (time [ns], true displacement [um]) at each reading, by axis."""
     bench.output()
     with np.load(bench.log) as saved:
         heads = [name.removesuffix("true_um") for name in saved.files if "true_um" in name]
@@ -98,7 +98,8 @@ def log_of(bench: EmulatedBench) -> dict[str, tuple[Floats, Floats]]:
 def courses_um(
     client: Mapping[str, Client], bench: EmulatedBench, n: int, passes: int
 ) -> tuple[dict[str, Floats], NDArray[np.bool_]]:
-    """(n,) true displacement less target of each axis in the last pass; (n,) in time."""
+    """Return (n,) true displacement minus target of each axis in the last pass; (n,) no missed
+    deadline."""
     true, off, good = log_of(bench), {}, np.ones(n, bool)
     for axis, one in client.items():
         records = one.history(seconds=passes * n / AXES_RATE_HZ + AFTER_S)
@@ -111,13 +112,13 @@ def courses_um(
 
 
 def errors_nm(off: Mapping[str, Floats], good: NDArray[np.bool_]) -> tuple[float, float]:
-    """Rms of the path's error in the plane, and of z's, each about its mean."""
+    """Return the rms of the path's error in the plane, and of z's, each about its mean."""
     power = {axis: float(np.var(1e3 * error[good])) for axis, error in off.items()}
     return float(np.sqrt(power["x"] + power["y"])), float(np.sqrt(power["z"]))
 
 
 def connected(address: str) -> dict[str, Client] | None:
-    """A client for each axis, once all loops run."""
+    """Return a client for each axis, once all loops run."""
     clients: dict[str, Client] = {}
     try:
         for axis in AXES:
@@ -132,8 +133,8 @@ def connected(address: str) -> dict[str, Client] | None:
 
 
 def write_figure(folder: Path, config: Path, words: tuple[str, ...]) -> tuple[Path, Path, Path]:
-    """Trajectories of all axes: the figure, x and y at its first point as long, and for the time in
-    which creep settles."""
+    """Write the trajectories of all axes: the figure, a hold at its first point for the same time,
+    and a hold during which creep settles."""
     path, alone, settle = (folder / f"{words[0]}{kind}.csv" for kind in ("", "-alone", "-settle"))
     if not path.exists():
         plane = folder / f"{words[0]}-plane.csv"
@@ -160,7 +161,7 @@ class Played(NamedTuple):
 def played(
     folder: Path, bench: EmulatedBench, config: Path, address: str, passes: int
 ) -> dict[str, Played]:
-    """The errors of each figure with the models that stand in the folder; the last pass counts."""
+    """Return the errors of each figure with the models in the folder; the last pass counts."""
     out = {}
     daemon = dehyst("run", "--config", str(config), stdout=None, stderr=subprocess.DEVNULL)
     where = ("--to", NAME, "--connect", address)

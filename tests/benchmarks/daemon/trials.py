@@ -1,10 +1,10 @@
-"""Is every trial of an offered model judged, and rightly, however the stage is moved?
+"""Is every trial of an offered model judged, and correctly, however the stage is moved?
 
     python -m tests.benchmarks.daemon.trials
 
-A stage with a lag of 20 ms, the model in use without the lag and with a gain 20 % too large. Models
-are offered with (a lag block, which asks for preview) and without preview, right ones and wrong
-ones, under set-points, holds of 6 s, steps, a raster, and at rest. In samples' time.
+The stage has a lag of 20 ms; the model in use lacks the lag and its gain is 20 % too large. Models
+are offered with (a lag block, which requires preview) and without preview, right and wrong ones,
+under set-points, holds of 6 s, steps, a raster, and at rest. Times are in samples.
 """
 
 import sys
@@ -31,18 +31,18 @@ MOTIONS: dict[str, tuple[Motion, bool]] = {
     "rest": (rest, False),
 }
 CHANGING = ("raster, then steps", "steps, then small steps", "steps, then set-points")
-"""Another motion before the offer than after it."""
+"""Motions that change at the offer."""
 OFFERS: dict[str, tuple[float, bool, str]] = {
     "right, preview": (1.0, True, "accepted"),
     "wrong, preview": (1.5, True, "returned"),
     "right, no preview": (1.0, False, "accepted"),
     "wrong, no preview": (1.5, False, "returned"),
 }
-"""Gain of the offered model, whether it has the lag, what should become of it."""
+"""Gain of the offered model, whether it has the lag, and the expected result."""
 
 
 def one(name: str, what: str) -> tuple[str, bool]:
-    """A row of the table, and whether it is as it should be."""
+    """Return a row of the table, and whether it is as expected."""
     before, _, after = name.partition(", then ")
     first, first_played = MOTIONS[before]
     motion, played = MOTIONS[after or before]
@@ -60,7 +60,7 @@ def one(name: str, what: str) -> tuple[str, bool]:
 
 
 def main() -> int:
-    """Print the table; 1 where one is not as it should be."""
+    """Print the table; return 1 if a row is not as expected."""
     print("| motion | offered | became | after [s] | in words |\n|---|---|---|---|---|")
     bad = 0
     for name in (*MOTIONS, *CHANGING):

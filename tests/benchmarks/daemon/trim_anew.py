@@ -2,10 +2,11 @@
 
     python -m tests.benchmarks.daemon.trim_anew
 
-The trimmed simulated stage in this process, in samples' time. The loop dies twenty times, each time
-after 4 s of motion anywhere in the reach, and the reading afterwards is right or off by a share of
-the reach, as a gauge that warms up or was bumped. Then a gauge that drifts by 3 um in 30 s and
-jumps back to the truth. Bar: within 0.03 um of the target (of the gauge's own zero), not frozen.
+It uses the trimmed simulated stage in this process, in samples' time. The loop dies twenty times,
+each time after 4 s of motion anywhere in the reach, and the reading afterwards is right or off by a
+share of the reach, like a gauge that warms up or was bumped. Then a gauge drifts by 3 um in 30 s
+and jumps back to the truth. Bar: within 0.03 um of the target (of the gauge's own zero), not
+frozen.
 """
 
 import sys
@@ -20,7 +21,8 @@ DRIFT_UM, DRIFT_S = 3.0, 30.0
 
 
 def seconds_until_on_target(one: TrimmedStage, watched_s: float, off: float) -> float:
-    """From when on the mean distance over half a second stays within the bar; nan: never."""
+    """Return the time after which the mean distance over half a second stays within the bar; nan:
+    never."""
     n, width = round(watched_s * RATE_HZ), round(0.5 * RATE_HZ)
     away = one.true_um[-n:] + off - one.telemetry["target"][-n:]
     mean = np.convolve(away, np.full(width, 1 / width), "valid")
@@ -31,7 +33,8 @@ def seconds_until_on_target(one: TrimmedStage, watched_s: float, off: float) -> 
 
 
 def one_death(one: TrimmedStage, number: int, share: float) -> tuple[float, bool, float]:
-    """The distance at the end [um], whether the trim is frozen, and the seconds until there."""
+    """Return the final distance [um], whether the trim is frozen, and the seconds until on
+    target."""
     low, high = one.reach
     wander(one, 4.0, number)
     die(one)
@@ -41,7 +44,8 @@ def one_death(one: TrimmedStage, number: int, share: float) -> tuple[float, bool
 
 
 def drift_and_back(one: TrimmedStage) -> tuple[float, float, bool, float]:
-    """The distance at the drift's end and after it [um], frozen, and the seconds until there."""
+    """Return the distance at the drift's end and after it [um], whether frozen, and the seconds
+    until on target."""
     drift(one, DRIFT_UM, DRIFT_S)
     at_worst = error_um(one)
     one.go(0.5 * sum(one.reach), WATCHED_S)
@@ -49,7 +53,7 @@ def drift_and_back(one: TrimmedStage) -> tuple[float, float, bool, float]:
 
 
 def main() -> int:
-    """Print the table; 1 where the stage is not on target again."""
+    """Print the table; return 1 if the stage is not on target again."""
     print("| after | on target again | frozen | largest distance, nm | slowest, s |")
     print("|---|---|---|---|---|")
     bad = 0

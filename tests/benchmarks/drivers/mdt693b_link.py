@@ -1,11 +1,11 @@
-"""How fast the MDT693B driver writes, through pyserial and a pty, with the emulator in a process
-of its own, as it is with `dehyst run`.
+"""How fast the MDT693B driver writes, through pyserial and a pty, with the emulator in a separate
+process, as with `dehyst run`.
 
     python -m tests.benchmarks.drivers.mdt693b_link [SETS]
 
-Four rows: the bare pty (the same bytes, no codec, no checks) as the reference; the driver with
-a unit that answers at once, in both dialects; the driver with the default unit. Times of one
-write in milliseconds, and the rate that the driver declared at open().
+Four rows: the bare pty (the same bytes, no codec, no checks) as the reference; the driver with a
+unit that answers at once, in both dialects; the driver with the default unit. Each row has the
+times of one write in milliseconds, and the rate that the driver declared at open().
 """
 
 import json
@@ -102,7 +102,7 @@ def main() -> int:
             bars.most(f"{name}: what the driver adds to a bare write", added, MOST_ADDED_MS, "ms")
         if declared_hz and busy:
             bars.cannot(f"{name}: sustained of the declared rate", busy)
-        elif declared_hz:  # a rate that is declared and not sustained makes a loop that is late
+        elif declared_hz:  # a declared rate that is not sustained makes a loop late
             bars.least(f"{name}: sustained of the declared rate", rate_hz / declared_hz, 1.0)
     return bars.end()
 

@@ -1,11 +1,11 @@
-"""What a call of each driver costs, and the rate that the driver declares at open(): serial units
-emulated in a process of their own, vendors' libraries as the tests' stand-ins in C, which answer at
-once, so that what is measured there is this software.
+"""What a call of each driver costs, and the rate that the driver declares at open(). Serial units
+are emulated in a separate process; vendors' libraries are the tests' stand-ins in C, which answer
+at once, so that only this software is measured there.
 
     python -m tests.benchmarks.drivers.rates [CALLS]
 
-One row for each: median and 99th percentile of a call from Python and, where there is one, of the
-function that the compiled loop calls; the declared rate; the rate that so many calls in a row
+One row for each: median and 99th percentile of a call from Python and, if there is one, of the
+function that the compiled loop calls; the declared rate; the rate that this many calls in a row
 achieved. The bar: a declared rate is achieved.
 """
 
@@ -32,7 +32,7 @@ from dehyst.drivers.interface import Actuator
 from dehyst.drivers.registry import load_actuator, load_sensor
 
 SERIAL = {"mdt693b": "ksg101", "mdt694b": "", "kpz101": "", "kpc101": "kpc101", "bpc303": "bpc303"}
-"""The amplifiers that are emulated, and the gauge that is measured beside each."""
+"""The emulated amplifiers, and the gauge that is measured with each."""
 
 CONVERTER = {
     "name": "ad5592r",
@@ -42,7 +42,7 @@ CONVERTER = {
     "in_voltage0_scale": "0.1",
 }
 
-LEAST_SHARE = 0.8  # of the declared rate that is achieved: the machine has other work too
+LEAST_SHARE = 0.8  # achieved share of the declared rate: the machine has other work too
 
 
 def durations_s(call: Callable[[], object], calls: int) -> list[float]:
@@ -101,7 +101,7 @@ def main() -> int:
           f"{'declared Hz':>12}{'achieved':>12}")  # fmt: skip
     for amplifier, sensor in SERIAL.items():
         with emulated("--amplifier", amplifier) as ports:
-            port = ports.get(amplifier, ports.get("mdt693b"))  # the MDT694B's is called so too
+            port = ports.get(amplifier, ports.get("mdt693b"))  # also the MDT694B's name
             output = load_actuator(amplifier).from_settings({"port": port})
             row(f"{amplifier} output (emulated)", output, calls, bars)
             if sensor:

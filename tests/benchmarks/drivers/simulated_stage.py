@@ -14,11 +14,11 @@ STEPS = 20_000
 
 
 MOST_US = 50.0
-"""A tenth of the period of a loop of 2 kHz that has the stage in its own process."""
+"""A tenth of the period of a 2 kHz loop with the stage in its own process."""
 
 
 def main() -> int:
-    """Print a table: microseconds a step, one call at a time and as an array."""
+    """Print a table: microseconds per step, one call at a time and as an array."""
     busy, bars = too_busy(), Bars()
     compile_stage()
     SimulatedStage().run(np.arange(2) * 1e-3, np.zeros(2))

@@ -28,14 +28,14 @@ from dehyst.models.identify.validation import validate
 from dehyst.models.recording import Recording
 
 ROOT = Path(__file__).resolve().parents[3]
-LEAST, MOST = 0.85, 0.99  # of the rows within, and of the pairs that it is so in:
+LEAST, MOST = 0.85, 0.99  # share of the rows within, and of the pairs that meet it:
 SHARE = 0.9
 SEED = 4300  # of the proof's stages; nothing was calibrated on these
 Case = tuple[str, Recording, list[Recording]]
 
 
 def part(one: Recording, begin: float, end: float) -> Recording:
-    """Rows from one share of a recording to another."""
+    """Return the rows from one share of a recording to another."""
     assert one.displacement is not None
     rows = slice(round(begin * one.size), round(end * one.size))
     return replace(
@@ -46,7 +46,7 @@ def part(one: Recording, begin: float, end: float) -> Recording:
 
 
 def real(data: Path, stages: int) -> Iterator[Case]:
-    """The measured recordings; the two parts of stack-am are without and with an inverse."""
+    """Yield the measured recordings; the two parts of stack-am are without and with an inverse."""
     names = ("stack-1hz", "stack-am", "afm-triangle-a", "afm-triangle-b", "afm-hold", "lightsheet")
     by = {name: read_recording(data / "recordings" / f"{name}.csv") for name in names}
     without, inverse = part(by["stack-am"], 0.0, 0.45), part(by["stack-am"], 0.45, 1.0)
@@ -59,14 +59,15 @@ def real(data: Path, stages: int) -> Iterator[Case]:
 
 
 def round_1(data: Path, stages: int) -> Iterator[Case]:
-    """The first opened round."""
+    """Yield the first opened round."""
     for folder in sorted((data / "concealed" / "round-1").glob("case-*")):
         one, *others = (read_recording(folder / f"{n}.csv") for n in ("identify", "check", "hold"))
         yield f"1/{folder.name}", one, others
 
 
 def round_2(data: Path, stages: int) -> Iterator[Case]:
-    """The second; of a single recording the second half is another stretch, no other waveform."""
+    """Yield the second opened round; the second half of a single recording is not another
+    waveform."""
     for folder in sorted((data / "concealed" / "round-2").glob("case-*")):
         one, *others = (read_recording(p) for p in sorted(folder.glob("recording-*")))
         if others:
@@ -74,7 +75,7 @@ def round_2(data: Path, stages: int) -> Iterator[Case]:
 
 
 def proof(data: Path | None, stages: int) -> Iterator[Case]:
-    """Stages of the proof, with what it holds back."""
+    """Yield stages of the proof, with their held-out recording."""
     for plan in plans(SEED, stages):
         case = make_case(plan)
         one, *others = (case.recording(name) for name in case.tables)
@@ -85,7 +86,7 @@ PARTS = {"real": real, "round-1": round_1, "round-2": round_2, "proof": proof}
 
 
 def measure(cases: Iterator[Case], name: str, bars: Bars, two: bool) -> list[float]:
-    """Print a row for each model, and the bars of this part; shares of rows within."""
+    """Print a row for each model, and the bars of this part; return shares of rows within."""
     shares: list[float] = []
     unstated, pairs, wide = [], 0, 0
     for case, one, others in cases:
@@ -127,7 +128,7 @@ def measure(cases: Iterator[Case], name: str, bars: Bars, two: bool) -> list[flo
 
 
 def main() -> int:
-    """Run the parts named, or all."""
+    """Run the named parts, or all."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
     parser.add_argument("--stages", type=int, default=40)

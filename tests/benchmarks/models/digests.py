@@ -48,7 +48,7 @@ def text(words: str) -> np.ndarray:
 
 
 def forward(models: int) -> Arrays:
-    """Drive along the target's own samples, scaled to the range."""
+    """Return the drive along the target's own samples, scaled to the range."""
     for seed in range(models):
         model, target, period, *_ = random_case(seed)
         v = model.validity

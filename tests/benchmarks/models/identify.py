@@ -2,7 +2,7 @@
 
     python tests/benchmarks/models/identify.py [accuracy speed length paper real faults]
 
-Prints one table each. `speed` takes several minutes, nearly all of it in the paper's way.
+Prints one table each. `speed` takes several minutes, nearly all of it for the paper's method.
 """
 
 import sys
@@ -57,7 +57,7 @@ def accuracy(bars: Bars) -> None:
             model = identify([rec], options).model
             h = model.hysteresis
             fit = cases.rms(rec.displacement - simulate_hysteresis(h, u, cases.T_S)) * NM
-            if name == "unconstrained":  # the truth is in its class
+            if name == "unconstrained":  # the truth belongs to its class
                 bars.most(f"seed {seed}: fit over the noise", fit / (NM * NOISE_UM), 1.02)
             elif name == "monotone":  # the truth is not monotone
                 bars.most(f"seed {seed}: monotone fit over the noise", fit / (NM * NOISE_UM), 1.1)
@@ -90,7 +90,7 @@ def _plain(u: Floats) -> Recording:
 def _timed(work: Callable[[], Identification], times: int = 3) -> tuple[float, Identification]:
     best = np.inf
     if times > 0:
-        work()  # so that everything is compiled
+        work()  # compiles everything first
     for _ in range(max(1, times)):
         start = time.process_time()
         result = work()
@@ -99,7 +99,7 @@ def _timed(work: Callable[[], Identification], times: int = 3) -> tuple[float, I
 
 
 def speed(bars: Bars) -> None:
-    """Against the paper's way, and against the length of the recording."""
+    """Speed relative to the paper's method, and as a function of the length of the recording."""
     truth = shipped("paper-eq12").hysteresis
     rec = cases.recording(cases.two_sines(), truth, NOISE_UM, 0)
     same = Options(order=10, rate=True, saturation=5, bias=False)
@@ -132,7 +132,7 @@ def speed(bars: Bars) -> None:
 
 
 def length() -> None:
-    """Against the length of the recording, 160 MB a column at the end."""
+    """Speed as a function of the length of the recording, up to 160 MB a column."""
     truth = shipped("paper-eq12").hysteresis
     print("length of the recording (processor seconds, peak of what is allocated beside it)")
     for count in (10_000, 100_000, 1_000_000, 20_000_000):
@@ -181,7 +181,7 @@ def paper() -> None:
 
 
 def real() -> None:
-    """Real recordings: fit on the first 60 %, held out the last 40 %, % of the span."""
+    """Real recordings: fit on the first 60 %, held out the last 40 %; % of the span."""
     folder = identify_faults.data_folder(ROOT)
     if folder is None:
         print("no recordings found; set DEHYST_DATA")
@@ -210,7 +210,7 @@ def _held(rec: Recording, model: Floats, cut: int) -> str:
 
 
 def faults() -> None:
-    """Damaged and poor recordings: a good model or one clear sentence."""
+    """Damaged and poor recordings: either a good model or one clear sentence."""
     truth = shipped("paper-eq12").hysteresis
     drives = {
         "recording": cases.two_sines(),

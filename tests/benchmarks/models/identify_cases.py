@@ -1,4 +1,4 @@
-"""Drives of the paper, recordings made with them, and the ways of others to identify."""
+"""Drives of the paper, recordings made with them, and other methods of identification."""
 
 from dataclasses import dataclass
 
@@ -12,45 +12,45 @@ from dehyst.models.model import Hysteresis
 from dehyst.models.recording import Floats, Recording
 
 T_S = 1e-3
-PAPER_BOUND = 10.0  # V, upper end of the paper's input range
+PAPER_BOUND = 10.0  # V, upper limit of the paper's input range
 
 
 def times(seconds: float) -> Floats:
-    """(N,) stamps every millisecond."""
+    """Return (N,) stamps every millisecond."""
     return np.arange(round(seconds / T_S)) * T_S
 
 
 def sines(t: Floats, *parts: tuple[float, float], middle: float | None = None) -> Floats:
-    """Eq. 9, offset so that it starts at 0 V; parts: (amplitude V, frequency Hz)."""
+    """Return Eq. 9, offset so that it starts at 0 V; parts: (amplitude V, frequency Hz)."""
     middle = sum(a for a, _ in parts) if middle is None else middle
     return middle + sum(a * np.sin(2 * np.pi * f * t - np.pi / 2) for a, f in parts)
 
 
 def two_sines(seconds: float = 10.0) -> Floats:
-    """The paper's identification drive, 10 V peak to peak."""
+    """Return the paper's identification drive, 10 V peak to peak."""
     return sines(times(seconds), (2, 10), (3, 5))
 
 
 def four_sines(seconds: float = 10.0) -> Floats:
-    """The paper's verification drive."""
+    """Return the paper's verification drive."""
     return sines(times(seconds), (1, 10), (1, 7.5), (1, 5), (2, 4))
 
 
 def triangle(top: float, seconds: float = 10.0) -> Floats:
-    """1 Hz, 0 to top."""
+    """Return a triangle of 1 Hz, 0 to top."""
     phase = times(seconds) % 1.0
     return top * (1.0 - np.abs(2.0 * phase - 1.0))
 
 
 def sweep(low: float, high: float, seconds: float = 20.0) -> Floats:
-    """0.1 to 20 Hz, linear in time."""
+    """Return a sweep from 0.1 to 20 Hz, linear in time."""
     t = times(seconds)
     phase = 2 * np.pi * (0.1 * t + (20 - 0.1) / (2 * seconds) * t**2)
     return 0.5 * (low + high) - 0.5 * (high - low) * np.cos(phase)
 
 
 def recording(u: Floats, truth: Hysteresis, noise_um: float, seed: int) -> Recording:
-    """What a perfect rig with white sensor noise records of a stage that is `truth`."""
+    """Return what a perfect rig with white sensor noise records of a stage that equals `truth`."""
     y = simulate_hysteresis(truth, u, T_S) + noise_um * np.random.default_rng(seed).standard_normal(
         u.size
     )
@@ -58,23 +58,23 @@ def recording(u: Floats, truth: Hysteresis, noise_um: float, seed: int) -> Recor
 
 
 def rms(x: Floats) -> float:
-    """Root mean square."""
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(np.square(x))))
 
 
 @dataclass(frozen=True)
 class PaperFit:
-    """What the paper's way ends with: rms, seconds, forward runs."""
+    """Result of the paper's method: rms, seconds, forward runs."""
 
     rms: float
     forward_runs: int
 
 
 def paper_way(rec: Recording, compiled: bool, most_runs: int) -> PaperFit:
-    """All 33 parameters of Eq. 6 at once by a general solver with finite differences.
+    """Fit all 33 parameters of Eq. 6 at once by a general solver with finite differences.
 
-    Start: cubic thresholds (Eq. 10), equal weights, no saturation, as the paper gives no other.
-    compiled: the forward model in numba in place of numpy.
+    Start: cubic thresholds (Eq. 10), equal weights, no saturation, because the paper gives no
+    other. compiled: the forward model in numba instead of numpy.
     """
     n, y = 10, rec.displacement
     assert y is not None
@@ -128,8 +128,8 @@ def _forward_compiled(p: Floats, u: Floats, rate: Floats, n: int) -> Floats:
 
 
 def uniform_pi(rec: Recording, fitted: int) -> Floats:
-    """(N,) prediction of ten operators with uniform thresholds, weights by non-negative least
-    squares on the first `fitted` rows: what one finds in public code."""
+    """Return (N,) the prediction of ten operators with uniform thresholds and weights by
+    non-negative least squares on the first `fitted` rows, as found in public code."""
     u, y = rec.drive, rec.displacement
     assert y is not None
     r = np.arange(10) / 10 * np.ptp(u[:fitted]) / 2

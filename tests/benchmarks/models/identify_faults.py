@@ -1,4 +1,4 @@
-"""Recordings as they should not be."""
+"""Faulty recordings."""
 
 import os
 from collections.abc import Iterator
@@ -13,13 +13,13 @@ from dehyst.models.recording import Recording
 
 
 def data_folder(root: Path) -> Path | None:
-    """Folder with recordings/, or None."""
+    """Return the folder with recordings/, or None."""
     folder = Path(os.environ.get("DEHYST_DATA") or root.parent / "shared")
     return folder if (folder / "recordings").is_dir() else None
 
 
 def recordings(truth: Hysteresis, seed: int = 5) -> Iterator[tuple[str, Recording]]:
-    """(what is wrong, recording) of the paper's two sines."""
+    """Yield (what is wrong, recording) of the paper's two sines."""
     rng = np.random.default_rng(seed)
     u = cases.two_sines()
     t = np.arange(u.size) * cases.T_S

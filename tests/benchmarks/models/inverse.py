@@ -6,7 +6,7 @@
 
 The plant of the first tables is the paper's Eq. 12 forward model, without noise; rms errors in nm
 after the first period. The constants of dehyst.models.inverse.tuning are set by the table `plant`
-and by random models below seed 10 000; those from 100 000 on are unseen.
+and by random models with seeds below 10 000; those from 100 000 on are unseen.
 """
 
 import argparse
@@ -44,7 +44,7 @@ WORSE_SHARE, WORST_TIMES = 0.2, 3.0  # %, and with the noise added to both
 def target_of(
     parts: tuple[tuple[float, float], ...], size: float, seconds: float, rate_hz: float
 ) -> Floats:
-    """A sum of sines that starts at rest at its lowest point, `size` peak to peak."""
+    """Return a sum of sines that starts at rest at its lowest point, `size` peak to peak."""
     t = np.arange(round(seconds * rate_hz)) / rate_hz
     y = sum(a * np.sin(2 * np.pi * f * t - np.pi / 2) for f, a in parts)
     y = np.asarray(y)
@@ -52,13 +52,13 @@ def target_of(
 
 
 def rms_nm(model: Model, drive: Floats, target: Floats, rate_hz: float, skip: int) -> float:
-    """Error of the forward model along a drive from rest at 0."""
+    """Return the error of the forward model along a drive from rest at 0."""
     y = simulate_hysteresis(model.hysteresis, np.concatenate([[0.0], drive]), 1.0 / rate_hz)[1:]
     return 1e3 * float(np.sqrt(np.mean((y - target)[skip:] ** 2)))
 
 
 def plant_tables(bars: Bars) -> None:
-    """Every mode at every sampling rate; the bars are for 1 kHz."""
+    """Print every mode at every sampling rate; the bars are for 1 kHz."""
     model = shipped("paper-eq12")
     for rate_hz in (1000.0, 200.0, 5000.0):
         print(f"\nplant: Eq. 12 at {rate_hz:g} Hz; rms error in nm after the first period")
@@ -95,7 +95,8 @@ def plant_tables(bars: Bars) -> None:
 
 
 def steps_table(bars: Bars) -> None:
-    """Steps of 2 um on Eq. 12: the whole trajectory against the preview, every sample counted."""
+    """Print steps of 2 um on Eq. 12: the whole trajectory against the preview, every sample
+    counted."""
     model = shipped("paper-eq12")
     print("\nsteps of 2 um every 50 ms on Eq. 12; rms error in nm, every sample counted")
     print(f"{'period':>8}{'static':>10}{'preview':>10}{'whole':>10}")
@@ -118,7 +119,8 @@ def _case(seed: int) -> tuple[int, Outcome]:
 
 
 def random_models(first: int, last: int, processes: int, bars: Bars) -> None:
-    """Random parameter sets and nasty targets, by seed; with how many times static's error."""
+    """Run random parameter sets and difficult targets, by seed; print the ratio to static's
+    error."""
     print(f"\nrandom models {first} to {last - 1}: targets that jump, starve and leave the range")
     began = time.perf_counter()
     seeds = range(first, last)

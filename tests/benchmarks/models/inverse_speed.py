@@ -22,7 +22,7 @@ from dehyst.models.modelfile import shipped
 
 Floats = NDArray[np.float64]
 REPEATS = 25
-BAR_C = 2.0  # times a C -O3 walk
+BAR_C = 2.0  # times the duration of a C -O3 walk
 BARS_PREVIEW = {1000: 5.0, 10_000: 15.0}  # % of a core, by rate
 
 
@@ -65,7 +65,7 @@ def _in_c(library: ctypes.CDLL, inverse: StaticInverse, y: Floats) -> Floats:
 
 
 def _with_brentq(inverse: StaticInverse, y: Floats) -> Floats:
-    """A root finder on the numpy forward model, one sample at a time."""
+    """Invert by a root finder on the numpy forward model, one sample at a time."""
     h, u = np.zeros(inverse.r.size), np.empty(y.size)
     r, b, powers = inverse.r, inverse.b, inverse.branch.c[::-1]
     for t in range(y.size):
@@ -120,7 +120,8 @@ def table(bars: Bars) -> None:
 
 
 def _mode(mode: str, rate_hz: int) -> tuple[float, Floats]:
-    """Share of a core in a compiled loop, and seconds for each sample called from Python."""
+    """Return the share of a core in a compiled loop, and seconds per sample when called from
+    Python."""
     c = Compensator(shipped("paper-eq12"), 1 / rate_hz, 0.0, 10.0, 1e4, mode, 0.1)
     n = 2 * rate_hz
     target = 6.0 - 3.0 * np.cos(2 * np.pi * 5 * np.arange(n) / rate_hz)

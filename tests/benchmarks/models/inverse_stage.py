@@ -1,4 +1,5 @@
-"""Tracking on a plant whose physics is not the model's: the simulated stage; see bench_invert."""
+"""Tracking on a plant whose physics differs from the model's: the simulated stage; see
+bench_invert."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ SETTINGS = StageSettings()
 
 
 def _run(volts: Floats) -> tuple[Floats, Floats]:
-    """True displacement and reading one period after each voltage was commanded."""
+    """Return true displacement and reading one period after each voltage was commanded."""
     stage = SimulatedStage(SETTINGS)
     t = np.arange(volts.size + 1) / RATE_HZ
     true, reading = stage.run(t, np.append(volts, volts[-1]))
@@ -27,7 +28,7 @@ def _run(volts: Floats) -> tuple[Floats, Floats]:
 
 
 def _excitation() -> Floats:
-    """Twelve seconds: loops of all sizes at 0.5 to 25 Hz within 0 to 150 V."""
+    """Return twelve seconds: loops of all sizes at 0.5 to 25 Hz within 0 to 150 V."""
     t = np.arange(round(12 * RATE_HZ)) / RATE_HZ
     size = 0.55 + 0.45 * np.cos(2 * np.pi * t / 6)
     wave = 0.55 * np.sin(2 * np.pi * 0.5 * t - np.pi / 2) + 0.2 * np.sin(2 * np.pi * 5 * t)
@@ -37,7 +38,7 @@ def _excitation() -> Floats:
 
 
 def _blocks() -> tuple[Block, ...]:
-    """What the stage really has besides hysteresis, as blocks."""
+    """Return the stage's real properties besides hysteresis, as blocks."""
     s = SETTINGS
     return (
         Block("lag", "drive", {"tau_s": s.rc_tau_s}),
@@ -50,7 +51,7 @@ def _blocks() -> tuple[Block, ...]:
 
 
 def _identified(u: Floats, y: Floats, blocks: tuple[Block, ...]) -> Model:
-    """Identify on a recording from which the blocks are taken out, and put them back."""
+    """Identify on a recording from which the blocks are removed, and add them again."""
     t = np.arange(u.size) / RATE_HZ
     bare = Model(_line(), Validity(0.0, TOP_V), blocks=blocks)
     packed = pack(bare, 1 / RATE_HZ)
@@ -107,13 +108,14 @@ def table() -> None:
 
 
 def _conditioning() -> Floats:
-    """One loop over the range before each run: plant and model then know each other's past."""
+    """Return one loop over the range before each run: plant and model then have the same
+    history."""
     up = 0.5 * (1 - np.cos(2 * np.pi * np.arange(2000) / 2000))
     return 0.88 * TOP_V * up
 
 
 def _drive(c: Compensator, target: Floats) -> Floats:
-    """What the daemon would write for this target, after the conditioning."""
+    """Return what the daemon would write for this target, after the conditioning."""
     state = c.init(0.0)
     for volts in _conditioning().tolist():
         c.applied(state, volts)

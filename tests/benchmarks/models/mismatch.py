@@ -41,7 +41,7 @@ SLEW_V_PER_S, APPROACH_UM_PER_S = 4000.0, 20.0
 
 
 def varied(seconds: float, seed: int) -> np.ndarray:
-    """Targets [um] in stretches of 5 to 40 s; NaN: nobody commands."""
+    """Return targets [um] in stretches of 5 to 40 s; NaN: nobody commands."""
     rng, parts, count, last = np.random.default_rng(seed), [], 0, 0.0
     while count < seconds * RATE:
         t = np.arange(int(rng.uniform(5, 40) * RATE)) / RATE
@@ -74,19 +74,19 @@ def varied(seconds: float, seed: int) -> np.ndarray:
 
 
 def steady(seconds: float, seed: int) -> np.ndarray:
-    """One sum of three sines all the time [um]."""
+    """Return one continuous sum of three sines [um]."""
     t = np.arange(round(seconds * RATE)) / RATE
     return np.asarray((7.0 + 2.0 * _sines(t)) * np.minimum(1.0, t))
 
 
 def _place(rng: np.random.Generator) -> tuple[float, float]:
-    """Centre and size of a motion between 1.5 and 13.5 um."""
+    """Return centre and size of a motion between 1.5 and 13.5 um."""
     centre = rng.uniform(5, 10)
     return centre, rng.uniform(0.7, min(centre - 1.5, 13.5 - centre))
 
 
 def sines(seconds: float, seed: int) -> np.ndarray:
-    """Another frequency, size and centre every 20 s [um]."""
+    """Return sines with a new frequency, size and centre every 20 s [um]."""
     rng, parts = np.random.default_rng(seed), []
     t = np.arange(round(20 * RATE)) / RATE
     for _ in range(int(seconds / 20) + 1):
@@ -97,7 +97,7 @@ def sines(seconds: float, seed: int) -> np.ndarray:
 
 
 def staircase(seconds: float, seed: int) -> np.ndarray:
-    """Steps to anywhere, held for 0.3 to 5 s [um]."""
+    """Return steps to random places, held for 0.3 to 5 s [um]."""
     rng, parts = np.random.default_rng(seed), []
     while sum(p.size for p in parts) < seconds * RATE:
         parts.append(np.full(round(rng.uniform(0.3, 5) * RATE), rng.uniform(2, 13)))
@@ -105,7 +105,7 @@ def staircase(seconds: float, seed: int) -> np.ndarray:
 
 
 def scans(seconds: float, seed: int) -> np.ndarray:
-    """Triangles of another size and speed every 30 s [um]."""
+    """Return triangles with a new size and speed every 30 s [um]."""
     rng, parts = np.random.default_rng(seed), []
     t = np.arange(round(30 * RATE)) / RATE
     for _ in range(int(seconds / 30) + 1):
@@ -116,7 +116,7 @@ def scans(seconds: float, seed: int) -> np.ndarray:
 
 
 def walk(seconds: float, seed: int) -> np.ndarray:
-    """A random walk between 2 and 13 um, smoothed over 50 ms."""
+    """Return a random walk between 2 and 13 um, smoothed over 50 ms."""
     rng = np.random.default_rng(seed)
     path = np.cumsum(rng.standard_normal(round(seconds * RATE))) * 0.15 + 7.5
     folded = 2 + np.abs((path - 2) % 22 - 11)
@@ -124,7 +124,7 @@ def walk(seconds: float, seed: int) -> np.ndarray:
 
 
 def holds(seconds: float, seed: int) -> np.ndarray:
-    """Rests of 5 to 60 s at one place after another, at times nobody commands [um]."""
+    """Return rests of 5 to 60 s at one place after another, sometimes without commands [um]."""
     rng, parts, last = np.random.default_rng(seed), [], 0.0
     while sum(p.size for p in parts) < seconds * RATE:
         if rng.random() < 0.3:
@@ -145,7 +145,7 @@ KINDS = {
 
 
 def _joined(parts: list[np.ndarray], seconds: float) -> np.ndarray:
-    """The parts, each reached at APPROACH_UM_PER_S."""
+    """Join the parts, each reached at APPROACH_UM_PER_S."""
     out, last = [], 0.0
     for part in parts:
         way = int(abs(part[0] - last) / APPROACH_UM_PER_S * RATE) + 1
@@ -160,7 +160,7 @@ def _sines(t: np.ndarray) -> np.ndarray:
 
 
 def drive(model: Model, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(drive in force, predicted, measured) at each sample, (n,) each."""
+    """Return (drive in force, predicted, measured) at each sample, (n,) each."""
     compensator = Compensator(model, 1 / RATE, 0.0, 150.0, SLEW_V_PER_S, "auto", 0.0)
     state, step = compensator.init(0.0), SLEW_V_PER_S / RATE
     volts, predicted = np.empty(targets.size), np.empty(targets.size)
@@ -185,7 +185,7 @@ def drive(model: Model, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
 def drive_quickly(
     model: Model, targets: np.ndarray, seed: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same as `drive`, nearly; seed: of the sensor's noise."""
+    """Return nearly the same as `drive`; seed: of the sensor's noise."""
     known = np.where(np.isfinite(targets), np.arange(targets.size), -1)
     held = np.concatenate([[0.0], targets])[np.maximum.accumulate(known) + 1]
     volts_per_um = 150.0 / 17.4
@@ -204,7 +204,7 @@ def drive_quickly(
 
 
 def added(kind: str, moved: np.ndarray, rng: Any) -> np.ndarray:
-    """What a change adds to the reading, up to its size."""
+    """Return what a change adds to the reading, before scaling to its size."""
     if kind == "gain":
         return moved
     if kind == "creep":
@@ -223,13 +223,13 @@ def added(kind: str, moved: np.ndarray, rng: Any) -> np.ndarray:
 
 LEAST_CHANGES, SEEN_BAR = 20, 90.0
 Seen = dict[str, list[float]]
-"""By change: after how many seconds each was flagged, infinite where it was not."""
+"""By change: seconds until each was flagged, infinite if it was not."""
 Run = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def judge(name: str, model: Model, run: Run, times_noise: float, seen: Seen) -> int:
-    """Print a line for the run in order and one for each change; the number of false flags. What
-    was seen of the changes in the second half is added to `seen`."""
+    """Print a line for the unchanged run and one for each change; return the number of false flags.
+    Detections of the changes in the second half are added to `seen`."""
     u, p, y = run
     watch, rng, second = MismatchMonitor(model, 1 / RATE), np.random.default_rng(0), round(RATE)
     good = np.ones(second, np.bool_)
@@ -284,7 +284,7 @@ def _delay(watch: MismatchMonitor, u: np.ndarray, p: np.ndarray, y: np.ndarray) 
 
 
 def main() -> int:
-    """One run for each kind of motion."""
+    """Do one run for each kind of motion."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -309,7 +309,7 @@ def main() -> int:
         for change, delays in changes.items():
             name = f"{kind}, {change}: flagged within {BAR_S} s, second half"
             if kind == "holds" and change != "noise":
-                continue  # where the stage stands still there is little to see; no bar
+                continue  # a stage at rest shows little; no bar
             if len(delays) < LEAST_CHANGES:
                 bars.cannot(name, f"{len(delays)} changes of at least {LEAST_CHANGES}")
             else:

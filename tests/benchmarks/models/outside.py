@@ -24,7 +24,7 @@ SEED = 4400  # of the proof's stages
 
 
 def found_in(recordings: list[Recording], what: str) -> Identification | None:
-    """What is identified; None where it is refused, and then a row says why."""
+    """Return what is identified; None if it is refused, with a row that gives the reason."""
     try:
         return identify(recordings)
     except BadRecording as error:
@@ -33,7 +33,8 @@ def found_in(recordings: list[Recording], what: str) -> Identification | None:
 
 
 def without(bars: Bars, number: int) -> None:
-    """Kinds outside of the class: none is accepted; a stage without hysteresis is, and named."""
+    """Kinds outside the class: none is accepted; a stage without hysteresis is accepted and
+    named."""
     kinds = outside()
     accepted = [kind for kind, one in kinds.items() if found_in([one], kind) is not None]
     bars.none(f"accepted of {len(kinds)} kinds outside of the class", len(accepted))
@@ -53,7 +54,7 @@ def inside(bars: Bars, number: int) -> None:
 
 
 def proof(bars: Bars, number: int) -> None:
-    """The first recording of stages of the proof, those outside of its class left out."""
+    """The first recording of stages of the proof, except those outside its class."""
     families = [family for family in FAMILIES if family != "outside"]
 
     def made() -> Iterator[Recording]:
@@ -65,8 +66,8 @@ def proof(bars: Bars, number: int) -> None:
 
 
 def slow(bars: Bars, number: int) -> None:
-    """Static stages recorded by one slow loop; every other one read through a lag, which one rate
-    cannot show."""
+    """Static stages recorded by one slow loop; every other one is read through a lag, which a
+    single rate cannot reveal."""
     given = 0
     for seed in range(number):
         found = found_in(lagged(seed, (1.0,), 0.02 * (seed % 4 > 1)), f"one loop {seed}")

@@ -37,7 +37,7 @@ TEN = cases.times(10.0)
 
 
 def predict(model: Model, u: Floats, period_s: float = cases.T_S) -> Floats:
-    """(N,) what the model predicts for a drive from rest."""
+    """Return (N,) the model's prediction for a drive from rest."""
     return simulate(model, period_s, u)
 
 
@@ -141,7 +141,7 @@ def bias(bars: Bars) -> None:
                     rec = cases.record(truth.run, ahead, 0.02, seed)
                     rec = cases.begin_late(rec, 500) if begin else rec
                     model = identify([rec]).model
-                    once = cases.triangle(cases.times(1.0), low, high)  # what is wide is settled
+                    once = cases.triangle(cases.times(1.0), low, high)  # wide loops have settled
                     whole = np.concatenate([lead, once, other])
                     e = (predict(model, whole) - truth.run(whole))[1500:]
                     errors.append(float(np.std(e)))
@@ -267,12 +267,12 @@ def public(bars: Bars) -> None:
     one, other = (
         read_recording(folder / "recordings" / f"{name}.csv") for name in ("stack-1hz", "stack-am")
     )
-    cut = int(0.6 * one.size)  # its parameters are fitted to rows 3151 to 3350, within
+    cut = int(0.6 * one.size)  # its parameters are fitted to rows 3151 to 3350, which are within
     model = identify([_part(one, slice(0, cut))]).model
     for rec, rows in ((one, slice(cut, None)), (other, slice(200, None))):
         ours = simulate(model, rec.t_s, rec.drive)
         theirs = public_operator.run(rec.drive)
-        late = np.r_[theirs[:1], theirs[:-1]]  # the sensor a sample behind, as its author has it
+        late = np.r_[theirs[:1], theirs[:-1]]  # sensor one sample late, as its author has it
         span = np.ptp(rec.displacement)
         a, b, c = (100 * np.std((rec.displacement - x)[rows]) / span for x in (ours, theirs, late))
         print(f"{rec.name}: {a:.3f} % (public {b:.3f}, a sample late {c:.3f})", flush=True)
@@ -283,7 +283,7 @@ PARTS = (paper, peer, bias, real, static, band, turns, public)
 
 
 def main() -> int:
-    """Run the parts named on the command line, or all."""
+    """Run the named parts, or all."""
     bars, parts = Bars(), {part.__name__: part for part in PARTS}
     for name in sys.argv[1:] or parts:
         print(f"\n{parts[name].__doc__}")

@@ -1,4 +1,4 @@
-"""Turns: drives with corners, which no recording of smooth drives has shown, and the stage itself
+"""Turns: drives with corners, which no recording of smooth drives contains, and the stage itself
 tracked by the inverse; parts of tests.benchmarks.models.prediction."""
 
 from collections.abc import Sequence
@@ -16,12 +16,12 @@ from dehyst.models.recording import Floats
 
 NM, NOISE = 1e3, 0.045
 TEN, TWO = cases.times(10.0), cases.times(2.0)
-MOST_V = 0.19  # a sample, of the staircase: the largest rate of the recordings, nearly
+MOST_V = 0.19  # per sample, of the staircase: nearly the largest rate of the recordings
 APPROACH = 200  # samples
 
 
 def measure_corners(seeds: Sequence[int], bars: Bars) -> None:
-    """Predicted with corners at up to the largest rate, which the recordings had in no turn."""
+    """Predict corners at up to the largest rate, which the recordings never had at a turn."""
     run, models = cases.paper().run, _identify(seeds)
     for what, u in {
         "triangle, 75 V/s": cases.triangle(TEN, 0.0, 7.5, 5.0),
@@ -36,7 +36,7 @@ def measure_corners(seeds: Sequence[int], bars: Bars) -> None:
 
 
 def measure_tracking(seeds: Sequence[int], bars: Bars) -> None:
-    """The stage tracked with a preview of 100 ms, to within the noise of one reading."""
+    """Track the stage with a preview of 100 ms, to within the noise of one reading."""
     run, models = cases.paper().run, _identify(seeds)
     for what, target in (
         ("sine, 1 Hz", cases.sines(TWO, (3.375, 1))),
@@ -56,13 +56,13 @@ def measure_tracking(seeds: Sequence[int], bars: Bars) -> None:
 
 
 def _identify(seeds: Sequence[int]) -> list[Model]:
-    """Models of the paper's two sines with Eq. 12 as the stage."""
+    """Return models of the paper's two sines with Eq. 12 as the stage."""
     u = cases.sines(TEN, (2, 10), (3, 5))
     return [identify([cases.record(cases.paper().run, u, NOISE, s)]).model for s in seeds]
 
 
 def _staircase() -> Floats:
-    """(N,) 200 levels by chance, each reached at a rate that is nearly the largest."""
+    """Return (N,) 200 random levels, each reached at nearly the largest rate."""
     levels = np.repeat(np.random.default_rng(3).uniform(1.0, 7.0, 200), TEN.size // 200)
     u = np.zeros(TEN.size)
     for t in range(1, u.size):

@@ -1,12 +1,11 @@
-"""The discrete backlash operator of a public repository, after its description, with the parameters
-that are published with it.
+"""The discrete backlash operator of a public repository, implemented from its description, with the
+parameters that are published with it.
 
 yan9a/DiscreteBacklashOperator (MIT; Y. N. Aye, W. T. Ang, Int. Conf. on Science and Technology for
-Sustainable Development, Yangon 2018): 25 gears in a row. From where the drive has turned it takes
-the finest gear along first; one that has been taken its whole width stays there, and the next one
-moves. A curve of straight pieces, the same for all loops, follows. The stack whose recordings are
-stack-1hz and stack-am is the one for which these numbers were found, from rows 3151 to 3350 of the
-first.
+Sustainable Development, Yangon 2018): 25 gears in a row. After the drive turns, it first moves the
+finest gear; a gear that has moved its whole width stays there, and the next one moves. A piecewise
+linear curve, the same for all loops, follows. The stack whose recordings are stack-1hz and stack-am
+is the one for which these numbers were found, from rows 3151 to 3350 of the first.
 """
 
 import numpy as np
@@ -50,13 +49,13 @@ CURVE_OUT = np.array([
     0.054465558476749720,
 ])  # fmt: skip
 UM_PER_V = 12.533528611111112
-SNAP = 0.1 * STROKES[-1]  # this near its end a gear counts as taken all the way
+SNAP = 0.1 * STROKES[-1]  # closer to its end than this, a gear counts as fully moved
 
 
 def run(u: Floats) -> Floats:
-    """(N,) displacement [um] for a drive (N,) of 0 to 3.6 V, without its constant."""
+    """Return (N,) the displacement [um] for a drive (N,) of 0 to 3.6 V, without its constant."""
     turned = np.zeros(WIDTHS.size, dtype=bool)
-    x = y = 0.0  # where the last gear came to its end
+    x = y = 0.0  # where the last gear reached its end
     out = np.empty(u.size)
     for t, v in enumerate(u):
         while True:

@@ -16,8 +16,8 @@ from dehyst.models.model import Model
 
 
 def off(model: Model) -> tuple[float, float]:
-    """Largest deviation of an end, as a share of the range: of the whole cascade's reach, and of
-    the hysteresis' alone."""
+    """Return the largest deviation of an end, as a share of the range: of the whole cascade's
+    reach, and of the hysteresis' alone."""
     v = model.validity
     low, high = simulated_reach(model)
     bare = Model(model.hysteresis, v)
@@ -29,7 +29,7 @@ def off(model: Model) -> tuple[float, float]:
 
 
 def table(title: str, models: Iterable[Model]) -> None:
-    """Print one row for those without an assumption, one for those with one."""
+    """Print one row for models without an assumption, one for those with one."""
     rows: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
     for model in models:
         v = model.validity

@@ -1,4 +1,4 @@
-"""The proof's own stages do what their names say, against closed forms and brute force."""
+"""The proof's own stages behave as their names say, compared with closed forms and brute force."""
 
 import ast
 from pathlib import Path
@@ -85,7 +85,7 @@ def test_preisach_against_a_bank_of_relays():
         state[on_at <= v] = 1.0
         state[off_at >= v] = 0.0
         want.append(np.sum(state * weight))
-    # a relay cell is 0.05 V wide, and a row of them weighs up to about 0.1
+    # a relay cell is 0.05 V wide, and a row of them has a weight of up to about 0.1
     np.testing.assert_allclose(got, want, atol=0.25)
     assert np.corrcoef(got, want)[0, 1] > 0.999
     assert _everett(2.0, 3.0, p, r, q, grid) == 0.0

@@ -1,5 +1,5 @@
-"""The proof judges rightly: a perfect answer holds every bar, an empty one misses them, and what a
-plan says of a stage is so by figures that were worked out here."""
+"""The proof judges correctly: a perfect answer meets every bar, an empty one misses them, and a
+plan's statements about a stage agree with figures computed here."""
 
 from dataclasses import replace
 from typing import Any
@@ -87,7 +87,7 @@ def test_an_empty_answer_misses_what_is_to_be_named() -> None:
     for name in ("single effect named first", "two or three effects: all named", "shape named"):
         assert held[name] is False
     assert held["outside the library: reported"] is False
-    assert held["no effect: no physics named"] is True  # saying nothing is no false alarm
+    assert held["no effect: no physics named"] is True  # reporting nothing is not a false alarm
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,8 @@ def test_each_mistake_is_noticed(missed: str, rows: Any) -> None:
 
 
 def worse(after: float) -> list[Row]:
-    """Stages with an effect, of whose held-out drive the written model leaves so much."""
+    """Return stages with an effect whose held-out drive the written model predicts with this
+    residual."""
     rows = all_rows(perfect, after=after)
     return [r for r in rows if r["answer"]["verdict"] == "explained"]
 
@@ -230,7 +231,7 @@ def test_creep_of_a_move_before_the_recording_goes_on_in_it() -> None:
     table, d = case.tables["scan-1"], added(case, "scan-1")
     before, g, level = case.plan.before_s, case.hidden[0].truth["gain_per_decade"], 0.0
     level = case.stage.read([], "scan-1")[0]
-    rest = table.t_s < 0.02  # the scan has hardly begun
+    rest = table.t_s < 0.02  # the scan has only just begun
     want = g * level * np.log10(1.0 + (table.t_s[rest] + before) / 0.1)
     np.testing.assert_allclose(d[rest], want, atol=0.05 * g * level)
     assert d[0] > 0.5 * g * level
@@ -276,13 +277,13 @@ def test_a_limit_is_put_into_the_stage_at_its_size(name: str) -> None:
     x = [r.displacement for r in case.given()]
     change = rms(np.concatenate([a - b for a, b in zip(y, x, strict=True)]))
     assert 0.002 < change < 3.0
-    if name == "hum":  # a sine that is a little larger than the limit
+    if name == "hum":  # a sine slightly larger than the limit
         assert change == pytest.approx(1.05 * 0.05 / np.sqrt(2), rel=0.02)
 
 
 def test_a_quiet_stage_follows_another_drive_no_worse_than_by_the_model_in_use() -> None:
-    """Sines and a hold of a Preisach stage, with next to no noise: what the recordings leave open
-    is the model's in use."""
+    """Sines and a hold of a Preisach stage, with almost no noise: where the recordings do not
+    decide, the prediction is that of the model in use."""
     case = make_case(plan(20440, *parse("quiet-5")))
     d = diagnose(case.given(), with_limits=False)
     assert d.findings[0].name == "shape"

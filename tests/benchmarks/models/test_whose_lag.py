@@ -7,8 +7,8 @@ from dehyst.models.identify import identify
 
 
 def test_a_curve_that_does_not_settle_is_not_taken() -> None:
-    """A lag of 20 ms hid behind a power of z, whose fit to all rows ended far from what the
-    comparison of structures predicted; the lag is found now, and the curve is not needed."""
+    """A lag of 20 ms was hidden by a power of z, whose fit to all rows ended far from what the
+    comparison of structures predicted; the lag is now found, and the curve is not needed."""
     recording = whose_lag.record("smooth", "random", "sensor", 20e-3, 0.02, 95004)
     found = identify([recording])
     line = np.polyval(np.polyfit(recording.drive, recording.displacement, 1), recording.drive)

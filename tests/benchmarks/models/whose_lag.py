@@ -1,9 +1,9 @@
-"""Whose lag is it? A lag before the hysteresis is compensated, one behind it is the sensor's and is
-not: the side must be reported right, or be said to be in doubt.
+"""Whose lag is it? A lag before the hysteresis is compensated; one after it belongs to the sensor
+and is not. The side must be reported correctly, or be reported as in doubt.
 
     python -m tests.benchmarks.models.whose_lag [--from SEED] [--lags MS ...] [--stage plane]
 
-A static stage, its drive or its sensor with a lag of first order, in steps of a tenth of the
+A static stage whose drive or sensor has a first-order lag, simulated in steps of a tenth of the
 sampling period, so that neither the lag nor the hysteresis comes from the product. Five waveforms
 of 12 s at 200 Hz over the full range, each with 20 and with 45 nm noise. Ends with 0, 1 or 77 as
 tests/benchmarks/bars.py says.
@@ -29,7 +29,7 @@ from dehyst.models.recording import Floats, Recording  # noqa: E402
 
 PERIOD_S, SECONDS, FULL_V, FINE = 5e-3, 12.0, 10.0, 10
 LAGS_MS = (2.0, 5.0, 10.0, 20.0, 30.0)
-LONG_MS = 20.0  # from here on the sides differ by more than the noise of these recordings hides
+LONG_MS = 20.0  # from here on the difference of the sides exceeds the noise of these recordings
 NOISES_UM = (0.020, 0.045)
 DRIVES = ("decaying sine", "two sines", "random", "triangle", "sweep")
 STAGES = ("smooth", "plane")
@@ -38,14 +38,14 @@ SIDES = ("drive", "sensor")
 
 
 def make_drive(name: str, t: Floats, rng: np.random.Generator) -> Floats:
-    """(N,) from 0 V over the full range; frequencies and sizes by chance."""
+    """Return (N,) a drive from 0 V over the full range; frequencies and sizes are random."""
     f = float(rng.uniform(1.0, 3.0))
     size = np.interp(t / t[-1], [0.0, 0.2, 0.6, 1.0], [1.0, 1.0, 0.15, 1.0])
     if name == "decaying sine":
         u = 1.0 - size * np.cos(2 * np.pi * f * t)
     elif name == "two sines":
         u = 2.0 - np.cos(2 * np.pi * f * t) - np.cos(2 * np.pi * f * rng.uniform(1.3, 2.5) * t)
-    elif name == "random":  # straight ways between levels by chance
+    elif name == "random":  # linear between random levels
         at = np.cumsum(rng.uniform(0.08, 0.5, 200))
         u = np.interp(t, np.r_[0.0, at], np.r_[0.0, rng.uniform(0.0, 1.0, 200)])
     elif name == "triangle":
@@ -57,7 +57,7 @@ def make_drive(name: str, t: Floats, rng: np.random.Generator) -> Floats:
 
 
 def pass_on(x: Floats, tau_s: float, step_s: float) -> Floats:
-    """(N,) behind a lag of first order, settled at first."""
+    """Return (N,) the signal after a first-order lag, initially settled."""
     keep = float(np.exp(-step_s / tau_s))
     return x[0] + lfilter([1.0 - keep], [1.0, -keep], x - x[0])
 
@@ -65,7 +65,7 @@ def pass_on(x: Floats, tau_s: float, step_s: float) -> Floats:
 def record(
     stage: str, drive: str, side: str, tau_s: float, noise_um: float, seed: int
 ) -> Recording:
-    """One recording."""
+    """Make one recording."""
     rng = np.random.default_rng(seed)
     step = PERIOD_S / FINE
     t = cases.times(SECONDS, step)
@@ -81,8 +81,8 @@ def record(
 
 @dataclass(frozen=True)
 class Told:
-    """What an identification says: side: "drive", "sensor" or "none"; delay_s: by how much a slow
-    move comes late; doubt: it says that the sides cannot be distinguished."""
+    """The result of an identification. side: "drive", "sensor" or "none"; delay_s: delay of a slow
+    move; doubt: it reports that the sides cannot be distinguished."""
 
     side: str
     delay_s: float
@@ -91,7 +91,7 @@ class Told:
 
 
 def read(found: Identification) -> Told:
-    """The identification's word."""
+    """Extract the result of an identification."""
     doubt = any("drive or sensor cannot be distinguished" in note for note in found.notes)
     blocks = [b for b in found.model.blocks if b.kind in ("lag", "delay", "resonance")]
     if not blocks:
@@ -106,7 +106,7 @@ def read(found: Identification) -> Told:
 
 
 def judge(stage: str, side: str, ms: float, first: int) -> list[Told]:
-    """All waveforms and noises of one lag, a line each."""
+    """Run all waveforms and noises of one lag, and print a line for each."""
     out = []
     for number, (drive, noise) in enumerate(product(DRIVES, NOISES_UM)):
         seed = first + number
@@ -122,7 +122,7 @@ def judge(stage: str, side: str, ms: float, first: int) -> list[Told]:
 
 
 def main() -> int:
-    """All lags on both sides; a line for each, and the bars."""
+    """Run all lags on both sides; print a line for each, and the bars."""
     parser = argparse.ArgumentParser(description="Whose lag is it?")
     parser.add_argument("--from", dest="first", type=int, default=FIRST_SEED)
     parser.add_argument("--lags", type=float, nargs="+", default=LAGS_MS, metavar="MS")

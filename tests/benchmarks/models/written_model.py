@@ -35,9 +35,9 @@ BETTER, NEAR, SAME = 0.92, 1.5, 0.01
 
 @dataclass(frozen=True)
 class Row:
-    """One stage; hidden: what acts there; acts: whether a finding acts on the drive or the stage;
-    in_use, written: what both models leave of the held-out drive [noises], without the noise;
-    stated: largest factor between an rms that is stated and that of the model simulated."""
+    """One stage. hidden: the effects in it; acts: whether a finding acts on the drive or the stage;
+    in_use, written: residuals of both models on the held-out drive [noises], without the noise;
+    stated: largest factor between a reported rms and that of the model simulated."""
 
     case: str
     hidden: tuple[str, ...]
@@ -51,7 +51,7 @@ class Row:
 
     @property
     def worse(self) -> bool:
-        """By more than the noise."""
+        """Whether the written model is worse by more than the noise."""
         return self.written > self.in_use + 1.0
 
     def __str__(self) -> str:
@@ -64,7 +64,7 @@ class Row:
 
 
 def of_round(folder: Path, first: int, count: int) -> Iterator[Row]:
-    """Stages of a round, one recording kept back that the others reach as far as."""
+    """Yield stages of a round; the held-out recording is within the reach of the others."""
     truth = json.loads((folder / "truth.json").read_text())
     paths = sorted(folder.glob("case-*"))
     for number, path in list(zip(numbers(), paths, strict=False))[first : first + count]:
@@ -100,14 +100,14 @@ def of_round(folder: Path, first: int, count: int) -> Iterator[Row]:
 
 
 def _within(one: Recording, others: list[Recording]) -> bool:
-    """Whether others go where its drive does."""
+    """Return whether the drives of the others cover its drive."""
     low, high = (f([f(r.drive) for r in others]) for f in (np.nanmin, np.nanmax))
     room = 0.05 * (high - low)
     return bool(np.nanmin(one.drive) >= low - room and np.nanmax(one.drive) <= high + room)
 
 
 def bars_of(rows: list[Row]) -> Bars:
-    """The bars."""
+    """Return the bars."""
     acts = [r for r in rows if r.acts]
     bars = Bars()
     if acts:

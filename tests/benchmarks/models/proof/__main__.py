@@ -34,7 +34,8 @@ Row = dict[str, Any]
 
 
 def version() -> str:
-    """Of all that a row follows from: the models, the judge and the plants."""
+    """Return the version of everything that determines a row: the models, the judge and the
+    plants."""
     digest = hashlib.sha256()
     for room in ("models", "tests/benchmarks/models/proof", "tests/rigs"):
         for path in sorted((ROOT / room).rglob("*.py")):
@@ -43,8 +44,8 @@ def version() -> str:
 
 
 def kept(path: Path | None, seed: int, code: str) -> dict[str, Row]:
-    """Finished cases of a file that this version of the code made, by name. Raises SystemExit where
-    they are of another seed."""
+    """Return finished cases of a file that this version of the code made, by name. Raises
+    SystemExit if they are of another seed."""
     rows: dict[str, Row] = {}
     if path is None or not path.exists():
         return rows
@@ -58,7 +59,7 @@ def kept(path: Path | None, seed: int, code: str) -> dict[str, Row]:
 
 
 def collect(seed: int, names: list[str], checks: int, jobs: int) -> Iterator[Row]:
-    """Rows as they come."""
+    """Yield rows as they are completed."""
     if jobs == 1:
         for name in names:
             yield run_case(seed, name, checks)
@@ -110,7 +111,7 @@ def main() -> int:
 
 
 def show(seed: int, name: str, checks: int, folder: Path) -> int:
-    """One case: its words, and its picture."""
+    """Show one case: its texts and its picture."""
     from tests.benchmarks.models.proof.pictures import draw
     from tests.benchmarks.models.proof.tables import wrong
 

@@ -2,8 +2,8 @@
 
 The base: 40 plays of the recorded drive with their squares and cubes (which a Preisach stage
 needs), an offset for each recording, and one lag of the stage's own displacement, with the time
-constant that absorbs most (none where the effect is itself a lag or a delay). What is left of the
-difference that an effect makes is that effect's size. Shares no code with the library.
+constant that absorbs most (none if the effect is itself a lag or a delay). The size of an effect is
+the residual of the difference that it makes. Shares no code with the library.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from tests.rigs.plants.effects import delayed, low_pass
 
 RIDGE = 1e-8
 LAGS = np.geomspace(0.2, 40.0, 10)  # in the recorder's periods
-TIE = 0.25  # of the noise or the class misfit: a rival that leaves less is as good a name
+TIE = 0.25  # of the noise or the class misfit: a rival with a smaller residual is as good a name
 LATE = ("lag", "delay")
 
 
@@ -31,7 +31,7 @@ def _dead_bands(u: Floats, halves: Floats) -> Floats:
 
 
 class RichBase:
-    """Residuals after the base above, over recordings that are laid end to end.
+    """Residuals after the base above, over recordings laid end to end.
 
     drives: recorded drives, each (N_i,) in 0 to 10 V; dt: their period [s]; powers: of the plays.
     """
@@ -53,21 +53,21 @@ class RichBase:
         self._factor = np.linalg.cholesky(gram)
 
     def residual(self, x: Floats) -> Floats:
-        """(N,) or (N, k) without what the base can make of it."""
+        """Return (N,) or (N, k) without what the base can represent."""
         w = np.linalg.solve(self._factor.T, np.linalg.solve(self._factor, self._columns.T @ x))
         return np.asarray(x - self._columns @ w)
 
     def lags_of(self, y: Floats) -> list[Floats]:
-        """What one lag takes off a displacement (N,), for every time constant."""
+        """Return what one lag removes from a displacement (N,), for every time constant."""
         return [self.residual(self._each(low_pass, y, k)) for k in LAGS]
 
     def delays_of(self, y: Floats) -> list[Floats]:
-        """The same for a delay."""
+        """Return the same for a delay."""
         return [self.residual(self._each(delayed, y, k)) for k in LAGS]
 
     def trends(self) -> list[Floats]:
-        """Settlings, of which each recording has one of its own size: (N, recordings) for each of
-        some time constants; a straight line belongs to each."""
+        """Return settling curves, with a separate size in each recording: (N, recordings) for each
+        of some time constants; a straight line belongs to each."""
         out = []
         for late in np.geomspace(0.03, 3.0, 8):
             x = np.zeros((sum(self.sizes), 2 * len(self.sizes)))
@@ -94,7 +94,7 @@ def rms(x: Floats) -> float:
 
 
 def least_left(d: Floats, columns: Sequence[Floats]) -> float:
-    """Rms of d after the best one of the columns, (N,) or (N, k) each."""
+    """Return the rms of d after removing the best of the columns, (N,) or (N, k) each."""
     best = rms(d)
     for x in columns:
         x = x.reshape(d.size, -1)
@@ -106,7 +106,8 @@ def least_left(d: Floats, columns: Sequence[Floats]) -> float:
 class Size:
     """Sizes of effects on one stage: bare (N,) is its displacement without any.
 
-    What bends the loop is measured against plays alone: a rich base takes it, and is to.
+    Effects that bend the loop are measured against plays alone, because a rich base is meant to
+    absorb them.
     """
 
     def __init__(self, drives: Sequence[Floats], dt: float, bare: Floats) -> None:
@@ -116,14 +117,15 @@ class Size:
         self._bare = bare
 
     def left(self, name: str, difference: Floats) -> float:
-        """Rms that the base leaves of an effect's difference (N,)."""
+        """Return the rms that the base leaves of an effect's difference (N,)."""
         if name == "shape":
             return rms(self.plays.residual(difference))
         rest = self.base.residual(difference)
         return rms(rest) if name in LATE else least_left(rest, self._lags)
 
     def ties(self, name: str, difference: Floats, noise: float) -> list[str]:
-        """Names that would do as well: beside the noise they leave hardly anything of it."""
+        """Return the names that would do as well: they leave a residual that is small against the
+        noise."""
         rest = self.base.residual(difference)
         rivals = {"lag": self._lags, "drift": self.base.trends()} if name != "drift" else {}
         if name == "lag":

@@ -1,9 +1,9 @@
 """The families of cases: which stage, which effects, which rig, which waveforms; all by seed.
 
-A case is named by its family and number ("past-3") and follows from these and the run's seed
-alone, so that any one can be made again. A family is a function of (random numbers, number) to
-what its plan has beside the defaults. `COUNTS` is the full proof's share of each; those of
-"hardware" (servos, recorders as hardware has them) have no plan, and are made by `hardware.py`.
+A case is named by its family and number ("past-3") and follows from these and the run's seed alone,
+so that any one can be made again. A family is a function of (random numbers, number) that returns
+what its plan has in addition to the defaults. `COUNTS` is the full proof's share of each; those of
+"hardware" (servos and recorders like real hardware) have no plan, and are made by `hardware.py`.
 """
 
 import zlib
@@ -22,20 +22,21 @@ SINGLES = (
     "friction",
 )  # fmt: skip
 TOGETHER = ("creep", "resonance", "delay", "lag", "slew", "drift", "hum", "coupling")
-ALIKE = ({"delay", "lag"}, {"lag", "slew"}, {"delay", "slew"})  # not asked for together
+ALIKE = ({"delay", "lag"}, {"lag", "slew"}, {"delay", "slew"})  # never requested together
 COUNTS = {
     "single": 33, "shape": 24, "past": 18, "part": 14, "pair": 18, "triple": 10, "quiet": 12,
     "waveform": 11, "slow": 8, "units": 10, "faults": 12, "clean": 16, "outside": 14,
     "hardware": 36,
 }  # fmt: skip
-ROWS = 34_000  # of the three recordings that the tool gets, about
+ROWS = 34_000  # approximate total of the three recordings that the tool gets
 
 
 HARDWARE = "hardware"
 
 
 def cases(count: int, families: Sequence[str] = ()) -> list[str]:
-    """Names of so many cases of these families (all of them: in the proof's shares), well mixed."""
+    """Return this many names of cases of these families (all: in the proof's shares), well
+    mixed."""
     wanted = list(families) or list(COUNTS)
     places = []
     for order, family in enumerate(wanted):
@@ -45,12 +46,12 @@ def cases(count: int, families: Sequence[str] = ()) -> list[str]:
 
 
 def plans(seed: int, count: int, families: Sequence[str] = ()) -> list[Plan]:
-    """The same as plans, of the families that have one."""
+    """Return the same as plans, for the families that have one."""
     return [plan(seed, *parse(name)) for name in cases(count, families or list(FAMILIES))]
 
 
 def plan(seed: int, family: str, number: int) -> Plan:
-    """The plan of one case."""
+    """Return the plan of one case."""
     own = zlib.crc32(f"{seed}/{family}/{number}".encode())
     rng = np.random.default_rng(own)
     rig = Rig(noise_um=float(rng.uniform(0.014, 0.05)))
@@ -61,7 +62,7 @@ def plan(seed: int, family: str, number: int) -> Plan:
 
 
 def parse(case: str) -> tuple[str, int]:
-    """ "past-3" to family and number. Raises ValueError."""
+    """Split "past-3" into family and number. Raises ValueError."""
     family, _, number = case.rpartition("-")
     if family not in COUNTS or not number.isdigit():
         raise ValueError(f"{case}: no such case; families: {', '.join(COUNTS)}")
@@ -73,14 +74,14 @@ def _foreign(rng: Rng) -> str:
 
 
 def _effect(rng: Rng, name: str, own: bool = False, low: float = 1.2, high: float = 6.0) -> Wanted:
-    """Of a size by chance; creep, of which a base takes most, is not made larger than it is."""
+    """Return an effect of random size; creep, most of which a base absorbs, is not enlarged."""
     if name == "creep":
         low, high = 1.1, max(1.2, 0.4 * high)
     return Wanted(name, float(np.exp(rng.uniform(np.log(low), np.log(high)))), own)
 
 
 def _usual(rng: Rng, rig: Rig, rows: int = ROWS) -> tuple[Any, ...]:
-    """A multisine, a periodic drive or a sweep, holds; and another multisine, held out."""
+    """Return a multisine, a periodic drive or a sweep, holds; and another multisine, held out."""
     dt = 1.0 / rig.rate_hz
     kinds = (drives.triangle, drives.periodic, drives.periodic, drives.chirp)
     check = kinds[int(rng.integers(len(kinds)))]
@@ -101,7 +102,8 @@ def single(rng: Rng, number: int) -> dict[str, Any]:
 
 
 def shape(rng: Rng, number: int) -> dict[str, Any]:
-    """A bend of each kind on a stage of the library's own class; every second: another class."""
+    """A bend of each kind on a stage of the library's own class; every second one is of another
+    class."""
     if number % 2:
         return {"hysteresis": tuple(FOREIGN)[(number // 2) % len(FOREIGN)]}
     bend = tuple(SHAPES)[(number // 2) % len(SHAPES)]
@@ -109,8 +111,8 @@ def shape(rng: Rng, number: int) -> dict[str, Any]:
 
 
 def past(rng: Rng, number: int) -> dict[str, Any]:
-    """The stage was moved 0.5 to 15 s before the recording, and creeps or warms since; every
-    sixth does neither."""
+    """The stage was moved 0.5 to 15 s before the recording, and has been creeping or warming since;
+    every sixth one does neither."""
     before = float(rng.choice([0.5, 1.0, 1.0, 3.0, 15.0]))
     level = float(rng.uniform(4.0, 7.5))
     swing = float(rng.uniform(0.3, 0.9)) * min(level, 10.0 - level)
@@ -122,13 +124,13 @@ def past(rng: Rng, number: int) -> dict[str, Any]:
 
 
 def part(rng: Rng, number: int) -> dict[str, Any]:
-    """Hum for a third, a slip, a gain that changes in mid-record, play that comes."""
+    """Hum for a third of the time, a slip, a gain that changes in mid-record, play that appears."""
     names = (*PARTED, "hum for a third", "gain step", "loosened")
     return {"effects": (_effect(rng, names[number % len(names)], False, 1.5),)}
 
 
 def pair(rng: Rng, number: int, count: int = 2) -> dict[str, Any]:
-    """Two effects that are not each other's double."""
+    """Two effects that cannot be mistaken for each other."""
     while True:
         names = [str(n) for n in rng.choice(TOGETHER, count, replace=False)]
         if not any(alike <= set(names) for alike in ALIKE):
@@ -138,12 +140,13 @@ def pair(rng: Rng, number: int, count: int = 2) -> dict[str, Any]:
 
 
 def triple(rng: Rng, number: int) -> dict[str, Any]:
-    """Three."""
+    """Three such effects."""
     return pair(rng, number, 3)
 
 
 def quiet(rng: Rng, number: int) -> dict[str, Any]:
-    """Noise of 1e-4 of the span and less, so that the hysteresis' class is far above it."""
+    """Noise of at most 1e-4 of the span, so that the misfit of the hysteresis class is far above
+    it."""
     rate = float(rng.choice([1000.0, 2000.0, 5000.0]))
     noise = 10.0 * float(np.exp(rng.uniform(np.log(2e-5), np.log(1.2e-4))))
     rig = Rig(rate_hz=rate, noise_um=noise, step_um=noise / 8.0, channels=())
@@ -153,7 +156,7 @@ def quiet(rng: Rng, number: int) -> dict[str, Any]:
 
 
 def waveform(rng: Rng, number: int) -> dict[str, Any]:
-    """One sine or triangle, 0.5 to 2 Hz, 12 to 60 s; every third carries hum, creep or a lag."""
+    """One sine or triangle, 0.5 to 2 Hz, 12 to 60 s; every third one has hum, creep or a lag."""
     hz = float(rng.choice([0.5, 1.0, 2.0, rng.uniform(0.5, 2.0)]))
     seconds = float(rng.choice([12.0, 30.0, 50.0]))
     if number % 2:
@@ -167,7 +170,7 @@ def waveform(rng: Rng, number: int) -> dict[str, Any]:
 
 
 def slow(rng: Rng, number: int) -> dict[str, Any]:
-    """Sines of 5 and 10 Hz, sampled at 50 Hz (every second at 100 Hz)."""
+    """Sines of 5 and 10 Hz, sampled at 50 Hz (every second one at 100 Hz)."""
     rig = Rig(rate_hz=50.0 if number % 2 else 100.0, noise_um=0.02, channels=())
     name = ("delay", "", "lag", "hum")[number // 2 % 4]
     whole = bool(number % 3)
@@ -188,7 +191,7 @@ RIGS: tuple[dict[str, Any], ...] = (
 
 
 def units(rng: Rng, number: int) -> dict[str, Any]:
-    """Other units, ranges, signs and rates; every third without an effect."""
+    """Other units, ranges, signs and rates; every third one has no effect."""
     rig = Rig(noise_um=float(rng.uniform(0.005, 0.04)), **RIGS[number % len(RIGS)])
     name = "" if number % 3 == 2 else str(rng.choice(TOGETHER))
     effects = (_effect(rng, name, True),) if name else ()
@@ -202,7 +205,7 @@ FAULTS = (
 
 
 def faults(rng: Rng, number: int) -> dict[str, Any]:
-    """Faults of the recorder; every second with an effect beside them."""
+    """Faults of the recorder; every second one also has an effect."""
     fault = FAULTS[number % len(FAULTS)]
     noise = float(rng.uniform(0.014, 0.04))
     rig = Rig(noise_um=noise)
@@ -216,12 +219,12 @@ def faults(rng: Rng, number: int) -> dict[str, Any]:
 
 
 def clean(rng: Rng, number: int) -> dict[str, Any]:
-    """Nothing hidden: half in the library's class, half not."""
+    """Nothing hidden: half of them in the library's class, half not."""
     return {"hysteresis": "in the class" if number % 2 else _foreign(rng)}
 
 
 def outside(rng: Rng, number: int) -> dict[str, Any]:
-    """Effects that no library lists."""
+    """Effects that are not in any library."""
     return {"effects": (_effect(rng, tuple(OUTSIDE)[number % len(OUTSIDE)], False, 1.5),)}
 
 

@@ -1,8 +1,8 @@
-"""Stages under servos and behind recorders as hardware has them, judged as the proof's other cases.
+"""Stages under servos and recorders like those of real hardware, judged as the proof's other cases.
 
-What acts there is known by its name alone: its size was not measured against a rich base, so each
-counts as separable, and no limit is asked again. Errors held out are those of the written model as
-`dehyst simulate` has it, about their mean.
+The effects there are known by name only: their size was not measured against a rich base, so each
+counts as separable, and no limit is tested. Held-out errors are those of the written model as
+simulated by `dehyst simulate`, about their mean.
 """
 
 from typing import Any
@@ -25,7 +25,7 @@ ACTS_ON = {"hum": "sensor", "lag": "stage", "delay": "stage", "creep": "stage",
 
 
 def judge_hardware(rig: RigCase, diagnosis: Diagnosis) -> Row:
-    """Truth, answer and figures of one, as `run.judge` has them."""
+    """Return truth, answer and figures of one case, as `run.judge` does."""
     hidden = tuple(
         Hidden(name, rig.kind, ACTS_ON[name], np.inf, 0.0, (), {}) for name in rig.hidden
     )
@@ -46,9 +46,9 @@ def judge_hardware(rig: RigCase, diagnosis: Diagnosis) -> Row:
 def figures(
     given: list[Recording], held: Recording, noise: float, in_it: float, found: Diagnosis
 ) -> dict[str, float]:
-    """What both models leave of a held-out recording, in rms of the noise. in_it: rms of the noise
-    in that recording itself. disagrees: largest factor between an rms that is stated and the
-    written model's, simulated."""
+    """Return the residuals of both models on a held-out recording, in rms of the noise. in_it: rms
+    of the noise in that recording itself. disagrees: largest factor between a reported rms and that
+    of the written model, simulated."""
 
     def left(model: Model, one: Recording) -> Any:
         return one.displacement - predict(model, one).displacement  # type: ignore[operator]

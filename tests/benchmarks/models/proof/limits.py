@@ -1,8 +1,8 @@
-"""Exclusion limits asked again: the effect at that size, by the proof's own equations, in the data.
+"""Tests of exclusion limits: the effect at that size, by the proof's own equations, in the data.
 
-A limit says "an effect above this would have been seen". So the effect is put into the stage a
-little above (or below) the limit, the recordings are made anew with the same noise, and the tool
-is asked again. It is true where the tool names the effect, or lists it as a tie.
+A limit says "an effect above this would have been seen". So the effect is added to the stage
+slightly above (or below) the limit, the recordings are made again with the same noise, and the tool
+diagnoses them. The limit is true if the tool names the effect, or lists it as a tie.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,19 +27,19 @@ Ask = Callable[[Case, tuple[Effect, float]], dict[str, Any]]
 
 
 def checkable(limits: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Limits with a value, whose effect can be put in."""
+    """Return the limits that have a value and whose effect can be added."""
     return [one for one in limits if bound(one) is not None and one["name"] in MAKERS]
 
 
 def bound(limit: dict[str, Any]) -> float | None:
-    """The value that a limit states."""
+    """Return the value of a limit."""
     value = limit.get("above", limit.get("below"))
     return None if value is None else float(value)
 
 
 def holds(case: Case, limit: dict[str, Any], ask: Ask, rng: np.random.Generator) -> dict[str, Any]:
-    """Whether a limit is true; ask: diagnosis.json of the case with one more effect. left: what a
-    rich base leaves of the effect [rms of the noise]."""
+    """Return whether a limit is true; ask: diagnosis.json of the case with one more effect. left:
+    what a rich base leaves of the effect [rms of the noise]."""
     more = beyond(case, limit, rng)
     said = ask(case, more)
     without, stage = case.stage.readings(case.chain), case.stage
@@ -57,7 +57,7 @@ def holds(case: Case, limit: dict[str, Any], ask: Ask, rng: np.random.Generator)
 
 
 def beyond(case: Case, limit: dict[str, Any], rng: np.random.Generator) -> tuple[Effect, float]:
-    """The effect and its strength, on the plant's scales, a little beyond a limit."""
+    """Return the effect and its strength, in the plant's units, slightly beyond a limit."""
     value = bound(limit)
     assert value is not None
     if limit["name"] == "clip":  # a level, not an amount
@@ -117,7 +117,7 @@ def _hum(case: Case, size: float, rng: np.random.Generator) -> tuple[Effect, flo
     nyquist = 0.5 * case.plan.rig.rate_hz
     hz = float(rng.choice([50.0, 60.0])) if nyquist > 150.0 else 0.3 * nyquist
     hz *= float(rng.uniform(0.97, 1.03))
-    if on_a_harmonic(hz, case.plan):  # where the limit says that it does not hold
+    if on_a_harmonic(hz, case.plan):  # the limit excludes these frequencies
         hz += 0.5 * case.plan.repeats_hz
     phase = rng.random()
 
@@ -138,7 +138,7 @@ def _stroke(case: Case) -> float:
 def _friction(case: Case, size: float, rng: np.random.Generator) -> tuple[Effect, float]:
     stroke = _stroke(case)
 
-    def run(x: Floats, w: World, s: float) -> Floats:  # gone at speed: no Coulomb part
+    def run(x: Floats, w: World, s: float) -> Floats:  # vanishes at speed: no Coulomb part
         tiny = 1e-9 * stroke
         z = bristles(x, tiny, 0.01 * stroke, 2.0 * stroke, w.h)
         return x - s * z / (0.01 * stroke)

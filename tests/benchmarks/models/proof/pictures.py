@@ -1,4 +1,4 @@
-"""One case for the eye: what was recorded, the loop, and what is left before and after."""
+"""A picture of one case: what was recorded, the loop, and the residuals before and after."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ BLUE, GREY, RED = "#1f5fbf", "#9a9a9a", "#c0392b"
 
 
 def draw(case: Case, diagnosis: Diagnosis, path: Path) -> None:
-    """The picture of a case."""
+    """Draw the picture of a case."""
     bare = case.stage
     figure, axes = plt.subplots(
         4, len(diagnosis.views), figsize=(5.5 * len(diagnosis.views), 11), layout="constrained",

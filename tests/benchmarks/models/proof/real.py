@@ -1,4 +1,4 @@
-"""What the tool says of real recordings, where they are at hand: a table without a bar."""
+"""The tool's findings on real recordings, if they are available: a table without a bar."""
 
 import time
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def real_recordings(folder: Path) -> str:
-    """A line for every recording, or why there is nothing to say."""
+    """Return a line for every recording, or why there are none."""
     paths = sorted((folder / "recordings").glob("*.csv"))
     if not paths:
         return f"Real recordings: none in {folder / 'recordings'} (set DEHYST_DATA)"

@@ -1,4 +1,4 @@
-"""The recorder: units, range, steps and noise of a rig, and the faults of its rows."""
+"""The recorder: units, range, resolution and noise of a rig, and the faults of its rows."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +11,7 @@ from tests.rigs.plants.drives import Floats
 @dataclass(frozen=True)
 class Rig:
     """How a stage is driven and recorded. low, high: drive for the plant's 0 and 10 V; per_um:
-    units of displacement in a micrometre; corner_hz: noise is coloured below it (0: white)."""
+    displacement units per micrometre; corner_hz: noise is coloured below it (0: white)."""
 
     rate_hz: float = 1000.0
     drive_unit: str = "v"
@@ -26,12 +26,12 @@ class Rig:
 
     @property
     def per_volt(self) -> float:
-        """Drive units in one of the plant's volts."""
+        """Drive units per volt of the plant."""
         return (self.high - self.low) / 10.0
 
 
 def noise_of(rng: np.random.Generator, n: int, rig: Rig, dt: float) -> Floats:
-    """Noise of a recording (n,) [um]."""
+    """Return the noise of a recording (n,) [um]."""
     white = rng.standard_normal(n)
     if rig.corner_hz <= 0:
         return rig.noise_um * white
@@ -41,7 +41,7 @@ def noise_of(rng: np.random.Generator, n: int, rig: Rig, dt: float) -> Floats:
 
 
 def faults(rng: np.random.Generator, n: int, fault: str, dt: float) -> tuple[Any, Any]:
-    """Rows that are there (n,), and readings that are missing among them (n,)."""
+    """Return which rows exist (n,), and which of their readings are missing (n,)."""
     kept, missing = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
     if fault == "every third reading missing":
         missing[2::3] = True

@@ -1,4 +1,4 @@
-"""One case run and judged: a row of plain data, whatever happens."""
+"""Run and judge one case; the result is a row of plain data, whatever happens."""
 
 import time
 import traceback
@@ -17,12 +17,12 @@ Row = dict[str, Any]
 
 
 def run_case(seed: int, name: str, checks: int) -> Row:
-    """Make, diagnose and judge one case; `checks` of its limits are asked again."""
+    """Make, diagnose and judge one case; `checks` of its limits are tested."""
     return run_and_keep(seed, name, checks)[0]
 
 
 def run_and_keep(seed: int, name: str, checks: int) -> tuple[Row, Case | None, Any]:
-    """The same, with the case (None of hardware) and its Diagnosis as far as they came to be."""
+    """Return the same, with the case (None for hardware) and its Diagnosis as far as they exist."""
     from dehyst.models.diagnosis import diagnose
 
     start = time.perf_counter()
@@ -44,13 +44,13 @@ def run_and_keep(seed: int, name: str, checks: int) -> tuple[Row, Case | None, A
         diagnosis = diagnose(case.given())
         row["seconds"] = time.perf_counter() - begun
         row |= judge(case, diagnosis, checks, np.random.default_rng([seed, case.plan.seed]))
-    except Exception:  # a crash must show in the table, not end the run
+    except Exception:  # a crash must appear in the table, not end the run
         row["failed"] = traceback.format_exc()
     return row | {"total_s": time.perf_counter() - start}, case, diagnosis
 
 
 def judge(case: Case, diagnosis: Any, checks: int, rng: np.random.Generator) -> Row:
-    """Answer and figures of a case."""
+    """Return answer and figures of a case."""
     said = diagnosis.to_dict()
     row = {
         "answer": said,
@@ -64,14 +64,14 @@ def judge(case: Case, diagnosis: Any, checks: int, rng: np.random.Generator) -> 
 
 
 def ask(case: Case, more: tuple[Effect, float]) -> dict[str, Any]:
-    """diagnosis.json of a case with one more effect in it."""
+    """Return diagnosis.json of a case with one more effect in it."""
     from dehyst.models.diagnosis import diagnose
 
     return diagnose(case.given(more)).to_dict()
 
 
 def one_line(row: Row) -> str:
-    """A row for the eye."""
+    """Format a row as text."""
     if "failed" in row:
         return f"{row['case']:12s} FAILED: {row['failed'].strip().splitlines()[-1]}"
     hidden = ", ".join(

@@ -1,7 +1,7 @@
-"""One case scored: what was said against what is hidden, as plain data for the tables.
+"""Score one case: what was reported against what is hidden, as plain data for the tables.
 
-An answer is diagnosis.json, so that an answer made by hand can be judged as well. Names of
-`SHAPES` are never spurious where the stage's loop is not the model's.
+An answer is diagnosis.json, so that an answer made by hand can be judged as well. Names in `SHAPES`
+are never spurious if the stage's loop is not the model's.
 """
 
 import re
@@ -19,28 +19,28 @@ from dehyst.models.diagnosis import Diagnosis
 from dehyst.models.model import Block, Model
 
 SHAPES = ("shape", "asymmetry", "sensor")
-LOOPS = ("rate", "friction", "clip", "slew")  # these bend the loop too: `shape` beside is true
+LOOPS = ("rate", "friction", "clip", "slew")  # these bend the loop too, so `shape` is true
 IN_IT = {"slew": ("lag",), "friction": ("lag", "delay", "rate")}
-"""What a plant's equation has in it beside its name: the amplifier's resistor before the current
-limit, the viscous part of a guide's friction. To name that too is not spurious."""
+"""What a plant's equation contains in addition to its name: the amplifier's resistor before the
+current limit, the viscous part of a guide's friction. Naming that too is not spurious."""
 OF_ONE_RECORDING = ("hum", "earlier_creep")
-"""Blocks of a phase, of a past move: the held-out recording has its own. A stage here that warms up
-does so in each recording alike, also in that one: what the model says of it stays in."""
+"""Blocks with a phase, or of a past move: the held-out recording has its own. A stage here that
+warms up does so in each recording alike, including that one: the model's block for it is kept."""
 HOLES = ("every third", "rows", "readings", "stalls")
-SETTLED = 0.06  # of the held-out recording, not judged
+SETTLED = 0.06  # share of the held-out recording that is not judged
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What may be asked of a case. names: effects of the library, separable first; shape: whether
-    the loop is not the model's; outside: something that no library lists."""
+    """What may be expected of a case. names: effects of the library, separable first; shape:
+    whether the loop is not the model's; outside: something that is in no library."""
 
     hidden: tuple[Hidden, ...]
     foreign: bool
 
     @property
     def physics(self) -> tuple[Hidden, ...]:
-        """What is to be named, and is no matter of shape."""
+        """The effects that should be named and are not a matter of shape."""
         return tuple(h for h in self.hidden if h.name not in (*SHAPES, "unknown"))
 
     @property
@@ -53,7 +53,7 @@ class Truth:
         return self.foreign or any(h.name in (*SHAPES, *LOOPS) for h in self.hidden)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
+        """Convert to plain data."""
         return {
             "hidden": [
                 {
@@ -69,12 +69,12 @@ class Truth:
 
 
 def truth_of(case: Case) -> Truth:
-    """What is hidden in a case."""
+    """Return what is hidden in a case."""
     return Truth(case.hidden, case.plan.hysteresis != "in the class")
 
 
 def score(truth: Truth, said: dict[str, Any], rig: Rig) -> dict[str, Any]:
-    """What an answer is worth. said: diagnosis.json."""
+    """Score an answer. said: diagnosis.json."""
     effects = said["effects"]
     names = [e["name"] for e in effects]
     ties = {e["name"]: list(e.get("ambiguous_with") or []) for e in effects}
@@ -112,12 +112,12 @@ def score(truth: Truth, said: dict[str, Any], rig: Rig) -> dict[str, Any]:
 
 
 def _in_it(h: Hidden) -> tuple[str, ...]:
-    return () if h.truth else IN_IT.get(h.name, ())  # textbook forms have nothing beside
+    return () if h.truth else IN_IT.get(h.name, ())  # textbook forms contain nothing else
 
 
 def _right(h: Hidden, first: str, ties: dict[str, list[str]]) -> bool:
-    """First by its own name; or its double, where the judge cannot distinguish them either and the
-    answer says that they tie."""
+    """Return whether the effect is first by its own name; or by its double, if the judge cannot
+    distinguish them either and the answer reports the tie."""
     return first == h.name or (first in h.ties and h.name in ties.get(first, []))
 
 
@@ -126,7 +126,7 @@ def _named(h: Hidden, names: Sequence[str], ties: dict[str, list[str]]) -> bool:
 
 
 def inside(h: Hidden, stated: dict[str, Any], rig: Rig) -> list[dict[str, Any]]:
-    """True parameters that have a counterpart with an interval."""
+    """Return the true parameters that have a counterpart with an interval."""
     out = []
     for key, value in h.truth.items():
         true, found = converted(key, value, rig), _stated(key, stated)
@@ -142,11 +142,11 @@ def inside(h: Hidden, stated: dict[str, Any], rig: Rig) -> list[dict[str, Any]]:
     return out
 
 
-WIDEST = 10.0  # factor that a finding's interval may span
+WIDEST = 10.0  # largest factor that a finding's interval may span
 
 
 def broken_rules(said: dict[str, Any]) -> list[str]:
-    """What an answer says against what answers may say, whatever is hidden."""
+    """Return where an answer breaks the general rules for answers, whatever is hidden."""
     out = []
     effects, limits = said["effects"], said.get("would_have_seen") or []
     tied = {tie for e in effects for tie in e.get("ambiguous_with") or []}
@@ -179,7 +179,7 @@ def _stated(key: str, stated: dict[str, Any]) -> Any:
 
 
 def converted(key: str, value: float, rig: Rig) -> float:
-    """A parameter of the plant (V, um) in the recording's units."""
+    """Convert a parameter of the plant (V, um) to the recording's units."""
     if key == "rate":
         return value * rig.per_volt
     if key == "max":
@@ -199,7 +199,8 @@ LIMITED = {
 def contradicted(
     truth: Truth, limits: Sequence[dict[str, Any]], names: Sequence[str], rig: Rig
 ) -> list[str]:
-    """Limits that what is hidden itself proves false: it is beyond them, and was not named."""
+    """Return limits that the hidden effects prove false: they are beyond them, and were not
+    named."""
     out = []
     for h in truth.physics:
         key = LIMITED.get(h.name, "")
@@ -217,8 +218,9 @@ def contradicted(
 
 
 def figures(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
-    """Errors against the exact displacement, in rms of the noise: the model in use on what was
-    given, and both on the held-out recording (offset and phases of named lines refitted)."""
+    """Return errors against the exact displacement, in rms of the noise: the model in use on the
+    given recordings, and both on the held-out recording (offset and phases of named lines
+    refitted)."""
     said, base = diagnosis.to_dict(), diagnosis.base_model
     lines = tuple(
         float(p["value"])
@@ -242,8 +244,8 @@ def figures(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def disagreement(case: Case, diagnosis: Diagnosis) -> float:
-    """Largest factor between an rms error that is stated and that of the written model behind the
-    history that fits, both about their mean and over the samples that count; 1 where rows are
+    """Return the largest factor between a reported rms error and that of the written model after
+    the history that fits, both about their mean and over the samples that count; 1 if rows are
     missing."""
     worst, stated = 1.0, diagnosis.to_dict()["rms"]
     if case.plan.fault.startswith(HOLES):
@@ -266,8 +268,8 @@ def disagreement(case: Case, diagnosis: Diagnosis) -> float:
 
 
 def _error(case: Case, name: str, model: Model, lines: tuple[float, ...]) -> Any:
-    """Exact displacement less the model's, and less its mean, the lines at any phase, and creep of
-    an earlier move at any size."""
+    """Return the exact displacement minus the model's, without its mean, the lines at any phase,
+    and creep of an earlier move at any size."""
     table, rig = case.tables[name], case.plan.rig
     drive = rig.low + table.u * rig.per_volt
 

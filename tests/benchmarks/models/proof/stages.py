@@ -1,9 +1,9 @@
-"""One stage, made: from a plan to recordings, and to the truth about them.
+"""Make one stage: from a plan to recordings, and to the truth about them.
 
-A stage runs on a grid many times finer than the recorder's, in volts (0 to 10) and micrometres;
-the rig turns that into its own range, units, noise, steps and faults. Drive effects act before the
-hysteresis, stage effects behind it, reading effects last. What was before the recording has been
-run through, and is not shown.
+A stage is simulated on a grid many times finer than the recorder's, in volts (0 to 10) and
+micrometres; the rig converts that to its own range, units, noise, resolution and faults. Drive
+effects act before the hysteresis, stage effects after it, reading effects last. The time before the
+recording is simulated too, but not recorded.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,8 +36,8 @@ Drive = Callable[[np.random.Generator, Floats, float], Floats]
 
 @dataclass(frozen=True)
 class Wanted:
-    """An effect by its maker's name; size: what a rich base leaves of it, in rms of the noise
-    (and never less than what it leaves of the stage without any effect)."""
+    """An effect by its maker's name; size: what a rich base leaves of it, in rms of the noise (and
+    never less than what it leaves of the stage without any effect)."""
 
     maker: str
     size: float
@@ -46,9 +46,9 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Plan:
-    """A case before it is made. waves: name, drive, seconds; before_s: from 0 V to the
-    drive's start so long before the recording began; fault: what happens to the rows; repeats_hz:
-    frequency of which all that the drive does is a multiple, where there is one."""
+    """A case before it is made. waves: name, drive, seconds; before_s: time before the recording at
+    which the drive went from 0 V to its start; fault: what happens to the rows; repeats_hz: a
+    frequency of which all drive frequencies are multiples, if there is one."""
 
     case: str
     family: str
@@ -64,9 +64,9 @@ class Plan:
 
 @dataclass(frozen=True)
 class Hidden:
-    """One effect as it came out. left: what a rich base leaves of it [rms of the noise];
+    """One effect as it was made. left: what a rich base leaves of it [rms of the noise];
     class_left: what it leaves of the bare stage; ties: names that would do as well; blind: a line
-    on a harmonic of the drive, of which nobody can say whose it is, or above half the rate."""
+    on a harmonic of the drive, which cannot be attributed, or above half the rate."""
 
     name: str
     form: str
@@ -79,14 +79,14 @@ class Hidden:
 
     @property
     def separable(self) -> bool:
-        """Whether it can be asked for by name."""
+        """Whether it can be required by name."""
         return self.left >= max(1.0, self.class_left) and not self.blind
 
 
 @dataclass(frozen=True)
 class Table:
-    """One recording: stamps, drive as written down (plant's volts), displacement without and with
-    noise [um], channels, rows that were kept and readings that are missing."""
+    """One recording: stamps, drive as recorded (plant's volts), displacement without and with noise
+    [um], channels, rows that were kept and readings that are missing."""
 
     t_s: Floats
     u: Floats
@@ -106,11 +106,11 @@ class Case:
     stage: "Stage" = field(repr=False)
     chain: tuple[tuple[Effect, float], ...] = field(repr=False)
     tables: dict[str, Table] = field(repr=False)
-    zero: float  # what the reading shows at rest [um]
+    zero: float  # reading at rest [um]
     size: Size = field(repr=False)
 
     def recording(self, name: str, more: tuple[Effect, float] | None = None) -> Recording:
-        """As the tool gets it; more: one more effect in the stage."""
+        """Return a recording as the tool gets it; more: one more effect in the stage."""
         table, rig = self.tables[name], self.plan.rig
         y = table.exact
         if more is not None:
@@ -126,12 +126,12 @@ class Case:
         )  # fmt: skip
 
     def given(self, more: tuple[Effect, float] | None = None) -> list[Recording]:
-        """The recordings that the tool gets; the held-out one is kept back."""
+        """Return the recordings that the tool gets, without the held-out one."""
         return [self.recording(name, more) for name in self.tables if name != HELD]
 
     @property
     def noise(self) -> float:
-        """Rms of the noise in the recordings' unit, with that of the reading's step."""
+        """Rms of the noise in the recordings' unit, including the reading's quantisation."""
         rig = self.plan.rig
         return float(np.hypot(rig.noise_um, rig.step_um / np.sqrt(12.0))) * rig.per_um
 
@@ -146,11 +146,11 @@ class Stage:
 
     @cached_property
     def bare(self) -> dict[str, Floats]:
-        """Displacement without any effect, on the fine grid."""
+        """Return the displacement without any effect, on the fine grid."""
         return {name: self.hysteresis(world.u) for name, world in self.worlds.items()}
 
     def read(self, chain: Sequence[tuple[Effect, float]], name: str) -> Floats:
-        """The reading without noise, on the recorder's grid."""
+        """Return the reading without noise, on the recorder's grid."""
         world = self.worlds[name]
         drive = world.u
         for effect, strength in chain:
@@ -164,12 +164,12 @@ class Stage:
         return x[world.t > -0.5 * world.h][:: self.every]
 
     def readings(self, chain: Sequence[tuple[Effect, float]]) -> Floats:
-        """Over the recordings that the tool gets, end to end."""
+        """Return the readings of all recordings that the tool gets, end to end."""
         return np.concatenate([self.read(chain, n) for n in self.worlds if n != HELD])
 
 
 def make_case(plan: Plan) -> Case:
-    """The stage of a plan with its recordings; everything follows from the plan's seed."""
+    """Make the stage of a plan with its recordings; everything follows from the plan's seed."""
     rng = np.random.default_rng([plan.seed, 1])
     rig, dt = plan.rig, 1.0 / plan.rig.rate_hz
     every = max(LEAST_FINE, int(np.ceil(FINE_HZ * dt)))
@@ -196,7 +196,7 @@ def make_case(plan: Plan) -> Case:
         target = noise * max(wanted.size, ABOVE_CLASS * class_left)
         chain.append((effect, _solve(left, target, effect)))
     hidden = []
-    for effect, strength in chain:  # each beside the others: a slew limit hides a resonance
+    for effect, strength in chain:  # with all others: a slew limit hides a resonance
         others = [other for other in chain if other[0] is not effect]
         difference = stage.readings(chain) - stage.readings(others)
         hidden.append(
@@ -225,12 +225,13 @@ def make_case(plan: Plan) -> Case:
 
 
 def _is_blind(hz: float, plan: Plan) -> bool:
-    """Whether samples cannot tell what is at a frequency, or whose it is."""
+    """Return whether samples cannot show what is at a frequency, or to what it belongs."""
     return on_a_harmonic(hz, plan) or hz > plan.rig.rate_hz / 2.0
 
 
 def on_a_harmonic(hz: float, plan: Plan) -> bool:
-    """A line closer to a multiple of the drive's frequency than the recording can tell apart."""
+    """Return whether a line is closer to a multiple of the drive's frequency than a recording
+    resolves."""
     if plan.repeats_hz <= 0 or hz <= 0:
         return False
     off = abs(hz - plan.repeats_hz * round(hz / plan.repeats_hz))
@@ -252,7 +253,7 @@ def _world(rng: np.random.Generator, plan: Plan, number: int, every: int, quiet:
 
 
 def _from_rest(shape: Callable[[Floats], Floats], u: Floats, bipolar: bool) -> Floats:
-    """From 0 V; where the range has two signs, de-energised about its middle."""
+    """Run from 0 V; if the range has two signs, de-energised about its middle first."""
     if not bipolar:
         return shape(u)
     swing = np.linspace(1.0, 0.0, 800) * 4.9 * np.cos(np.arange(800) * 0.2)
@@ -261,7 +262,8 @@ def _from_rest(shape: Callable[[Floats], Floats], u: Floats, bipolar: bool) -> F
 
 
 def _solve(size_of: Callable[[float], float], target: float, effect: Effect) -> float:
-    """Strength that leaves the target, by secants in the logarithm, within the plausible range."""
+    """Find the strength that leaves the target, by secants in the logarithm, in the plausible
+    range."""
     s, low, high = effect.start, 0.0, effect.top
     for _ in range(10):
         size = size_of(s)

@@ -1,4 +1,4 @@
-"""The bars of the proof, and tables beside them, from its rows."""
+"""The bars of the proof, and further tables, from its rows."""
 
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -7,41 +7,41 @@ import numpy as np
 from tests.benchmarks.bars import Bars
 
 Row = dict[str, Any]
-AGREES = 1.05  # factor between an rms that is stated and the written model's
-NEAR = 1.5  # factor by which the noise that is stated may be off, in the table beside
-LEFT = 1.5  # what `explained` may leave of the held-out recording [rms of the noise]
-TWICE = 2.0  # what the model in use leaves, from which a shape must be named [rms of the noise]
+AGREES = 1.05  # factor between a reported rms and the written model's
+NEAR = 1.5  # factor by which the reported noise may be off, in the additional table
+LEFT = 1.5  # residual that `explained` may leave of the held-out recording [rms of the noise]
+TWICE = 2.0  # residual of the model in use from which a shape must be named [rms of the noise]
 
 
 def judged(rows: Iterable[Row]) -> list[Row]:
-    """Rows of cases that did not fail."""
+    """Return the rows of cases that did not fail."""
     return [r for r in rows if "failed" not in r]
 
 
 def singles(rows: Iterable[Row]) -> list[Row]:
-    """One effect of the library, separable, and nothing outside it."""
+    """Return the rows with one effect of the library, separable, and nothing outside it."""
     return [r for r in rows if len(_physics(r)) == 1 == len(r["score"]["asked"])]
 
 
 def several(rows: Iterable[Row]) -> list[Row]:
-    """Two or three, each separable."""
+    """Return the rows with two or three effects, each separable."""
     return [
         r for r in rows if len(_physics(r)) > 1 and len(r["score"]["asked"]) == len(_physics(r))
     ]
 
 
 def without(rows: Iterable[Row]) -> list[Row]:
-    """Stages without an effect: nothing but what is a matter of shape."""
+    """Return the rows without an effect, except matters of shape."""
     return [r for r in rows if not _physics(r) and not r["truth"]["outside"]]
 
 
 def shapes(rows: Iterable[Row]) -> list[Row]:
-    """Of these, a loop that is not the model's, and a model in use that leaves twice the noise."""
+    """Return those whose loop is not the model's and whose model in use leaves twice the noise."""
     return [r for r in without(rows) if r["truth"]["bent"] and r["figures"]["model"] >= TWICE]
 
 
 def outside(rows: Iterable[Row]) -> list[Row]:
-    """What no library lists, where a rich base cannot absorb it."""
+    """Return the rows with an effect of no library that a rich base cannot absorb."""
     return [
         r for r in rows
         if any(h["name"] == "unknown" and h["separable"] for h in r["truth"]["hidden"])
@@ -49,13 +49,14 @@ def outside(rows: Iterable[Row]) -> list[Row]:
 
 
 def worse_held_out(row: Row) -> bool:
-    """The augmented model predicts worse than the model in use, by more than the noise."""
+    """Return whether the augmented model predicts worse than the model in use, by more than the
+    noise."""
     f = row["figures"]
     return bool(f["held_augmented"] > f["held_model"] + 1.0)
 
 
 def models_of_physics(rows: Iterable[Row]) -> list[Row]:
-    """Those in which an effect of the drive or the stage is named, shape aside."""
+    """Return the rows in which an effect of the drive or the stage is named, shape aside."""
     return [
         r for r in rows
         if any(e["acts_on"] in ("drive", "stage") and e["name"] not in ("shape", "unknown")
@@ -69,13 +70,13 @@ def _predicts_better(row: Row) -> bool:
 
 
 def _explains_nothing(row: Row) -> bool:
-    """`explained`, and the held-out recording is not."""
+    """Return whether the verdict is `explained` although the held-out recording is not."""
     said = row["answer"]["verdict"] == "explained"
     return bool(said and row["figures"]["held_augmented"] > LEFT)
 
 
 def bars_of(rows: Iterable[Row]) -> Bars:
-    """The bars; one without a case could not be judged."""
+    """Return the bars; a bar without a case could not be judged."""
     everything, bars = list(rows), Bars()
     good = judged(everything)
 
@@ -118,7 +119,7 @@ def bars_of(rows: Iterable[Row]) -> Bars:
 
 
 def tables(rows: Iterable[Row]) -> str:
-    """All tables as text, the bars last."""
+    """Return all tables as text, the bars last."""
     everything = list(rows)
     good = judged(everything)
     parts = [_families(good), _beside(good), _failed(everything), _times(good)]
@@ -135,7 +136,7 @@ def rate(group: list[Any], test: Callable[[Any], bool]) -> str:
 
 
 def wrong(row: Row) -> list[str]:
-    """What is wrong with a row, in words; nothing where it holds all bars."""
+    """Return in words what is wrong with a row; nothing if it meets all bars."""
     if "failed" in row:
         return [row["failed"].strip().splitlines()[-1]]
     s, out = row["score"], []
