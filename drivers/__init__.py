@@ -1,1 +1,1 @@
-"""Amplifiers and sensors behind two small interfaces."""
+"""Drivers of amplifiers and sensors, which implement two small interfaces."""

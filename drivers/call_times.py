@@ -29,8 +29,7 @@ class CallTimes:
             self.longest_s = duration_s
 
     def percentile_s(self, percent: float) -> float:
-        """Return the duration that `percent` of the kept calls do not exceed; NaN if there are no
-        calls."""
+        """Return the duration that `percent` of the kept calls do not exceed; NaN if none."""
         ordered = sorted(self._durations_s)
         if not ordered:
             return float("nan")

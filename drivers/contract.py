@@ -30,8 +30,7 @@ from dehyst.drivers.interface import (
 
 
 def refused(kind: type[Exception], job: Callable[[], Any], what: str) -> Exception:
-    """Return the error of `kind` that `job` raises; raise AssertionError if it does not raise
-    one."""
+    """Return the error of `kind` that `job` raises; AssertionError if it raises none."""
     try:
         job()
     except kind as error:
@@ -213,8 +212,7 @@ class SensorContract(_DriverContract):
     protocol = Sensor
 
     def true_value(self, device: Sensor) -> float | None:
-        """Return what a good reading is now, from an independent source; None where there is
-        none."""
+        """Return the correct reading from an independent source; None where there is none."""
         return None
 
     tolerance = 0.0

@@ -9,8 +9,7 @@ from dehyst.drivers.serial_port import SerialPort
 
 @dataclass(frozen=True)
 class RecordedExchange:
-    """One command and everything that was received after it. Times in s from the start of the
-    probe."""
+    """One command and everything received after it. Times in s from the start of the probe."""
 
     sent: bytes
     sent_at_s: float

@@ -99,8 +99,7 @@ def _load(group: str, name: str) -> type:
 
 
 def _points(group: str) -> list[EntryPoint]:
-    """Return the entry points of a group, each once (an editable install may list its own
-    twice)."""
+    """Return a group's entry points, each once (an editable install may list its own twice)."""
     unique = {(p.name, p.value): p for p in entry_points(group=group)}
     return [unique[key] for key in sorted(unique)]
 

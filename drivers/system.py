@@ -84,8 +84,7 @@ def bound_memory(most_bytes: int, core_dump: bool = True) -> None:
 
 
 def bound_processor_time(most_s: int) -> None:
-    """End this process by SIGXCPU after this much processor time [s], on systems with that
-    limit."""
+    """End this process by SIGXCPU after this much processor time [s], on systems that can."""
     if resource is None:
         return
     with suppress(ValueError, OSError):
@@ -93,8 +92,7 @@ def bound_processor_time(most_s: int) -> None:
 
 
 def lowest_priority() -> None:
-    """Run this process only when no other wants the processor, as far as the system supports
-    that."""
+    """Run this process only when no other wants the processor, as far as the system can."""
     with suppress(OSError, AttributeError):
         os.nice(19)
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))

@@ -29,8 +29,7 @@ Installed-Size: {kilobytes}
  drives the amplifier, and publishes what the stage did.
 """
 COMPRESSION = ("-Zzstd", "-z3")
-"""Supported by dpkg from Debian 12 and Ubuntu 22.04 on; ten times faster than xz, a fifth
-larger."""
+"""Supported by dpkg of Debian 12 and Ubuntu 22.04 on; ten times faster than xz, a fifth larger."""
 
 
 def interpreter() -> str:
@@ -42,7 +41,7 @@ def interpreter() -> str:
 
 
 def package(root: Path, own: Path, dist: Path) -> Path:
-    """Build the package from an environment in root/opt/dehyst, whose Python is `own`; return its
+    """Build the package from an environment in root/opt/dehyst with Python `own`; return its
     file."""
     version = call(own, "-c", "import sys; print('%d.%d' % sys.version_info[:2])").strip()
     _fill(root, own)

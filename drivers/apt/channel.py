@@ -71,8 +71,7 @@ class AptChannel:
     def ask(
         self, request: str, wanted: str, first: bytes = b"", to: int | None = None, **values: int
     ) -> AptMessage:
-        """Ask as AptLink.ask, with this channel's number; to another address only `values` are
-        sent."""
+        """Ask as AptLink.ask, with the channel's number; to other addresses only `values`."""
         if to is None:
             to, values = self._address, {"chan": 1, **values}
         with self._in_use() as link:

@@ -16,8 +16,7 @@ def reported_counts(channel: AptChannel, first: bytes = b"") -> int:
 
 
 def check_ready(channel: AptChannel) -> None:
-    """Raise DriverConfigError unless the unit is in open loop and only software sets its
-    voltage."""
+    """Raise DriverConfigError unless the unit is in open loop and follows software only."""
     mode = channel.ask("pz_req_poscontrolmode", "pz_get_poscontrolmode").values["mode"]
     if mode != codec.OPEN_LOOP:
         raise DriverConfigError(

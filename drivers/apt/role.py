@@ -46,6 +46,5 @@ class AptRole:
         """Raise DriverConfigError if the unit has no such channel."""
 
     def _more_words(self) -> str:
-        """Return which channel this is, to append to the unit's identity; "" if the unit has only
-        one."""
+        """Return which channel this is, for the identity; "" if the unit has only one."""
         return ""

@@ -1,9 +1,10 @@
 """The amplifier of the emulated bench: makes the unit that its knobs describe, on its port.
 
-driver    knobs           axes of the stage                gauges mdt693b   Mdt693bKnobs    its own,
-x, y, z or x alone      a KSG101 for each axis kpz101    Kpz101Knobs     one, with any name
-a KSG101 kpc101    Kpc101Knobs     one, with any name               its own bpc303    RACK_KNOBS
-x, y, z are its channels 1 to 3  its own, for each axis of the stage
+driver    knobs           axes of the stage                gauges
+mdt693b   Mdt693bKnobs    its own, x, y, z or x alone      a KSG101 for each axis
+kpz101    Kpz101Knobs     one, with any name               a KSG101
+kpc101    Kpc101Knobs     one, with any name               its own
+bpc303    RACK_KNOBS      x, y, z are its channels 1 to 3  its own, for each axis of the stage
 """
 
 import functools

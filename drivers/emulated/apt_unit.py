@@ -40,8 +40,7 @@ class AptFaults(Settings, frozen=True):
 
 
 class AptUnit(ABC):
-    """An emulated APT unit. Implements pty_device.PtyUnit; a subclass answers its kind's
-    messages."""
+    """An emulated APT unit; a PtyUnit. A subclass answers its kind's messages."""
 
     knobs: AptKnobs
     faults: AptFaults
@@ -65,8 +64,7 @@ class AptUnit(ABC):
             self._requests.append((self._busy_until_s, message))
 
     def take(self) -> bytes:
-        """Return the next bytes that are due by now, after carrying out the requests that are
-        due."""
+        """Carry out the requests that are due; return the next bytes due by now."""
         now = self._clock()
         while self._requests and self._requests[0][0] <= now:
             due, message = self._requests.popleft()
@@ -94,8 +92,7 @@ class AptUnit(ABC):
         self.knobs = structs.replace(self.knobs, serial_number=number)
 
     def answer(self, message: AptMessage, now: float) -> bytes:
-        """Return the reply to a message that was due at `now`, ignoring faults; b"" if there is
-        none."""
+        """Return the reply to a message due at `now`, ignoring faults; b"": none."""
         own = message.name == "hw_req_info" and message.destination == self.addresses[0]
         return self._info() if own else self._answer(message, now)
 

@@ -65,8 +65,7 @@ class BenchSettings:
 
 
 class BenchLog:
-    """The amplifier's output and the gauge's readings for each axis, with times of the bench's
-    clock."""
+    """Each axis' amplifier output and gauge readings, with times of the bench's clock."""
 
     def __init__(self) -> None:
         self.axes: dict[str, AxisLog] = {}

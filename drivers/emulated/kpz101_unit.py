@@ -17,8 +17,7 @@ from dehyst.drivers.emulated.kpz101_knobs import Kpz101Faults, Kpz101Knobs
 
 
 class Kpz101Unit(AptUnit):
-    """The emulated unit; implements pty_device.PtyUnit. sets_done: number of voltage sets so
-    far."""
+    """The emulated unit; implements pty_device.PtyUnit. sets_done: voltage sets so far."""
 
     knobs: Kpz101Knobs
     faults: Kpz101Faults

@@ -91,8 +91,7 @@ class Ksg101Unit(AptUnit):
         return value
 
     def _counts(self, position_um: float) -> int:
-        """Convert a displacement to counts; a bridge out of range or broken (NaN) shows full
-        scale."""
+        """Convert a displacement to counts; out of range or broken (NaN) is full scale."""
         if math.isnan(position_um):
             return FULL_SCALE
         share = position_um / self.knobs.max_travel_um * self.knobs.scale_error

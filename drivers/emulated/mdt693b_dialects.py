@@ -37,8 +37,8 @@ class ReplyStyle:
         return text + self.prompt
 
     def line(self, payload: str, star: bool = True, trailer: bool = False) -> bytes:
-        """Return a payload with its CR. Only without a prompt: star: "*" before it; trailer: "*"
-        after it."""
+        """Return a payload with its CR. Without a prompt only: star: "*" before, trailer: "*" after
+        it."""
         return payload.encode("latin-1") + b"\r" + self.prompt
 
     def bare(self, payload: str) -> bytes:
@@ -50,8 +50,7 @@ class ReplyStyle:
         return f"{volts:6.{self.decimals}f}"
 
     def limit(self, volts: float) -> str:
-        """Format an axis limit: 0 without decimals, others with the dialect's number of
-        decimals."""
+        """Format an axis limit: 0 without decimals, others with the dialect's decimals."""
         return "0" if volts == 0.0 else f"{volts:.{self.decimals}f}"
 
 

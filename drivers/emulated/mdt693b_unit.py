@@ -101,8 +101,7 @@ class Mdt693bUnit:
         self._merge_echo()
 
     def take(self) -> bytes:
-        """Return the next chunk that is due by now, after carrying out the commands that are
-        due."""
+        """Carry out the commands that are due; return the next chunk that is due by now."""
         now = self._clock()
         while self._queue and self._queue[0].due_s <= now:
             self._carry_out(self._queue.popleft())

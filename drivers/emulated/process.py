@@ -1,5 +1,4 @@
-"""The process of the emulated bench: serves all units and the control socket until it is
-stopped."""
+"""The process of the emulated bench: serves its units and control socket until it is stopped."""
 
 import json
 import threading

@@ -72,8 +72,7 @@ class IioActuator:
         c["output_v"] = volts
 
     def output(self) -> float:
-        """Return the last written voltage at the piezo, or the one found when the channel was
-        opened."""
+        """Return the last written voltage at the piezo, or the one found by open()."""
         return float(self._channel.context["output_v"][0])
 
     def direct(self) -> "Direct":

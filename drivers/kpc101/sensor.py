@@ -37,8 +37,7 @@ class Kpc101Sensor(AptRole):
         self.spec = self._spec()
 
     def open(self) -> None:
-        """Connect, identify, check for a gauge, learn its travel, and time a few readings. Moves
-        nothing."""
+        """Connect, identify, check for a gauge, learn its travel, time some readings. No motion."""
         if self._channel.is_open:
             return
         words = self._connect()

@@ -67,8 +67,7 @@ class Ksg101:
         return counts / FULL_SCALE * self._travel_um * self.settings.calibration
 
     def zero(self) -> None:
-        """Make the unit's present position its zero. This changes the unit: do so only on
-        request."""
+        """Make the present position the unit's zero. Changes the unit: only on request."""
         self._require_link().send("pz_set_zero", chan=1)
 
     def reconnect(self) -> None:

@@ -86,8 +86,7 @@ def record_requests(
 
 
 def interpret_gauge_requests(exchanges: list[RecordedExchange]) -> ProbedGauge:
-    """Interpret the replies, also those of a rack; pure, so that it also works on a fixture
-    file."""
+    """Interpret the replies, also those of a rack; pure, so that it works on a fixture file."""
     decoder, found = Decoder((HOST,), (UNIT, RACK, *BAYS)), {}
     for exchange in exchanges:
         decoder.reset()

@@ -82,7 +82,7 @@ def fault_of(channel: str, code: int | None, text: str) -> DriverError:
 
 
 class Channel:
-    """One register of a unit; the driver subclass defines it. All registers of a unit share its
+    """One register of a unit; the driver subclass defines it. A unit's registers share its
     handle."""
 
     spec: DeviceSpec

@@ -215,8 +215,7 @@ class Mdt693b:
         return str(id(self._unit)) if self._unit is not None else ""
 
     def join(self, others: Sequence["Mdt693b"]) -> JointOutputs:
-        """Combine this output with others of the same unit, all open, and measure their joint
-        rate."""
+        """Combine this output with others of the unit, all open; measure their joint rate."""
         return JointOutputs((self, *others), self._clock)
 
     @contextmanager
@@ -315,8 +314,7 @@ class Mdt693b:
         )
 
     def admit(self, volts: float) -> float:
-        """Return `volts` as it will be written: in range, rounded to DECIMALS, not beyond a
-        limit."""
+        """Return `volts` as it will be written: in range, rounded, not beyond a limit."""
         minimum, maximum = self.spec.minimum, self.spec.maximum
         if not minimum <= volts <= maximum:  # NaN included
             raise OutOfRange(
@@ -332,8 +330,7 @@ class Mdt693b:
         return rounded + 0.0  # no -0.0
 
     def _settled_readback(self, *expected: float | None) -> float:
-        """Return the readback once it has settled, or as soon as it is close to an expected
-        value."""
+        """Return the readback once settled, or as soon as it is near an expected value."""
         give_up_s = self._clock() + TUNING.longest_settle_s
         before_v = math.nan
         while True:

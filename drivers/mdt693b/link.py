@@ -116,8 +116,7 @@ class Mdt693bLink:
         raise self._no_answer(command)
 
     def set(self, command: str) -> None:
-        """Carry out a command; return when it is acknowledged. It is sent once. Call get_in_step()
-        first."""
+        """Carry out a command, sent once; return when acknowledged. Call get_in_step() first."""
         for event in self._exchange(command, self._clock() + self.timeout_s):
             if isinstance(event, Ack):
                 return
@@ -185,8 +184,7 @@ class Mdt693bLink:
             raise
 
     def _exchange(self, command: str, deadline_s: float, barrier: bool = False) -> list[ReplyEvent]:
-        """Send one command and collect events until its reply is complete or the deadline
-        passes."""
+        """Send one command; collect events until the reply is complete or time is up."""
         codec = self._codec
         data = codec.send(command, barrier)
         self._write(data)

@@ -1,5 +1,5 @@
-"""What the MDT693B driver learns from a unit before driving it, using only queries, which move no
-output."""
+"""What the MDT693B driver learns from a unit before driving it, using only queries: no output
+moves."""
 
 import re
 from dataclasses import dataclass

@@ -123,8 +123,7 @@ def read_mean(context, now_ns, value):  # type: ignore[no-untyped-def]
 
 
 def actuator(channel: str, context: NDArray[Any]) -> Direct | None:
-    """Return the output of an open driver; None if the C library or its task is not available
-    here."""
+    """Return the output of an open driver; None if the C library or its task is missing."""
     return _direct(channel, context, write.address, "DAQmxWriteAnalogScalarF64")
 
 

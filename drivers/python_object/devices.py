@@ -184,8 +184,7 @@ class PythonActuator(_PythonDevice):
         self._set_v = volts
 
     def output(self) -> float:
-        """Return the last written voltage, or what the object reported, or initial_v; NaN if
-        unknown."""
+        """Return the last written voltage, or the object's report, or initial_v; NaN if unknown."""
         return self._set_v
 
     def _prepare(self, made: Any) -> None:

@@ -1,5 +1,4 @@
-"""A method or an attribute of an object, found by its name, with one interface to write or read
-it."""
+"""A method or an attribute of an object, found by name, with one interface to write or read it."""
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
@@ -24,8 +23,7 @@ def setter(owner: Any, name: str, arguments: Sequence[Any]) -> Callable[[float],
 
 
 def getter(owner: Any, name: str, arguments: Sequence[Any]) -> Callable[[], Any]:
-    """Return a function that reads a value: `owner.name(*arguments)` or `owner.name`. Raises as
-    `setter`."""
+    """Return a function that reads `owner.name(*arguments)` or `owner.name`. Raises as `setter`."""
     holder, last = _find(owner, name)
     if not _is_attribute(holder, last):
         method = _method(holder, last, name)
@@ -83,8 +81,7 @@ def _method(holder: Any, last: str, name: str) -> Callable[..., Any]:
 
 
 def _no_coroutine(result: Any, name: str) -> None:
-    """Raise ProtocolError for a coroutine: its work has not begun, so the write would never
-    happen."""
+    """Raise ProtocolError for a coroutine: not started, so the write would never happen."""
     if inspect.iscoroutine(result):
         result.close()
         raise ProtocolError(

@@ -118,8 +118,7 @@ class Platform:
         kernels.advance_platform(self.arrays, dt_s)
 
     def advance_to(self, time_ns: int) -> None:
-        """Advance to time_ns; the first call sets the origin of time. A time in the past changes
-        nothing."""
+        """Advance to time_ns; the first call sets the time origin. Past times do nothing."""
         if self._epoch_ns is None:
             self._epoch_ns = time_ns - round(self.time_s / NS)
         dt_s = (time_ns - self._epoch_ns) * NS - self.time_s

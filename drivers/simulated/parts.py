@@ -68,8 +68,7 @@ def quantised(value: float, step: float) -> float:
 def electrical(
     p: Record, s: Record, command_v: float, h: float, rc_decay: float, amplifier_decay: float
 ) -> None:
-    """Advance DAC, EXT, clip, amplifier lag, slew and RC by h seconds: updates s, returns
-    nothing."""
+    """Advance DAC, EXT, clip, amplifier lag, slew and RC by h seconds: updates s."""
     wanted = quantised(command_v, p.dac_step_v) + p.ext_gain * s.ext_v
     limited = min(p.clip_max_v, max(p.clip_min_v, wanted))
     s.clipped = 1.0 if limited != wanted else 0.0
@@ -141,8 +140,7 @@ def displacement(p: Record, s: Record) -> float:
 
 @njit(cache=True, nogil=True)
 def creep_sum(p: Record, relax: Floats, strain: float) -> float:
-    """Return strain with creep: q [1 + g (c0 + sum_j (s_j / q) / per decade)], 1 at 0.1 s after a
-    step."""
+    """Strain with creep: q [1 + g (c0 + sum_j (s_j / q) / per decade)], 1 at 0.1 s after a step."""
     total = 0.0
     for j in range(relax.size):
         total += relax[j]
@@ -172,8 +170,7 @@ def recall_bridge(parameters: Record, state: Record, ring: Floats) -> float:
 
 @njit(cache=True, nogil=True)
 def uniform(random: NDArray[np.uint64]) -> float:
-    """Draw a number in (0, 1): splitmix64 (Steele, Lea and Flood, OOPSLA 2014); random (1,)
-    uint64."""
+    """One number in (0, 1): splitmix64 (Steele, Lea and Flood, OOPSLA 2014); random (1,) uint64."""
     random[0] += np.uint64(0x9E3779B97F4A7C15)
     x = random[0]
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -184,8 +181,7 @@ def uniform(random: NDArray[np.uint64]) -> float:
 
 @njit(cache=True, nogil=True)
 def reading(parameters: Record, state: Record, ring: Floats, random: NDArray[np.uint64]) -> float:
-    """Return what the strain-gauge reader shows now [um]: one fresh sample of noise, then the
-    ADC."""
+    """Return the strain-gauge reading now [um]: one fresh sample of noise, then the ADC."""
     p = parameters[0]
     s = state[0]
     y = recall_bridge(parameters, state, ring)

@@ -44,8 +44,7 @@ class SimulatedStage:
         plant: StageArrays | None = None,
         pass_time: Callable[[float], None] | None = None,
     ) -> None:
-        """plant, pass_time: for an axis of a Platform, its arrays and the function that advances
-        time."""
+        """plant, pass_time: for an axis of a Platform, its arrays and what advances time."""
         self.settings = settings or StageSettings()
         self.plant = plant or stage_arrays()
         self._pass_time = pass_time or self._alone
@@ -61,8 +60,7 @@ class SimulatedStage:
     # -- time and drive ---------------------------------------------------------------------
 
     def command(self, volts: float) -> None:
-        """Set the amplifier's digital command [V] from now on; the output follows with its
-        dynamics."""
+        """Set the amplifier's digital command [V] from now on; the output follows in time."""
         if not math.isfinite(volts):
             raise DriverConfigError(f"stage: command {volts} V is not a number")
         self._set("command_v", volts)
@@ -80,8 +78,7 @@ class SimulatedStage:
                 self._set(name, value)
 
     def advance(self, dt_s: float, volts: float | None = None) -> None:
-        """Advance by dt_s seconds, with `volts` commanded from the start (None: unchanged
-        command)."""
+        """Advance by dt_s seconds, with `volts` commanded from the start (None: unchanged)."""
         if volts is not None:
             self.command(volts)
         if not 0.0 <= dt_s < math.inf:
@@ -174,8 +171,7 @@ class SimulatedStage:
         return float(self.plant.state["true_um"][0])
 
     def reading_um(self) -> float:
-        """Take one reading [um]: filter, delay, fresh noise, ADC, and the fault if one is
-        active."""
+        """Take one reading [um]: filter, delay, fresh noise, ADC, and any active fault."""
         kind = self.reading_fault
         if kind == "stuck":
             return self._last_reading
@@ -280,8 +276,7 @@ def stage_arrays() -> StageArrays:
 
 
 def _substep_s(settings: StageSettings) -> float:
-    """Return the longest sub-step during motion: it resolves the RC corner, the mode and the
-    hum."""
+    """Return the longest sub-step in motion: it resolves the RC corner, the mode and the hum."""
     taus = (settings.rc_tau_s, settings.amplifier_tau_s)
     limits = [TUNING.longest_substep_s]
     limits += [tau / TUNING.substeps_per_tau for tau in taus if tau > 0]

@@ -50,8 +50,7 @@ class Shown(NamedTuple):
 def _in_a_servo(
     target: Floats, added: Floats, h: float, rate: float, creep: float
 ) -> tuple[Floats, Floats]:
-    """Return drive and displacement of a stage whose integrator sees the displacement plus
-    `added`."""
+    """Return drive and displacement of a stage whose integrator sees it plus `added`."""
     u, z = 0.0, 0.0
     slow = np.zeros(5)
     us, ys = np.empty(target.size), np.empty(target.size)
@@ -210,8 +209,7 @@ SHOWN = (("identify", "check", "hold"), ("identify", "hold"), ("identify",))
 
 
 def make_rig(seed: int, number: int) -> RigCase:
-    """Make one case; the kinds take turns, first with three recordings, then with two, then with
-    one."""
+    """Make one case; the kinds take turns, first with three recordings, then two, then one."""
     kind = KINDS[number % len(KINDS)]
     rng = np.random.default_rng([seed, number])
     stage = "in the class" if kind == "clean" else str(rng.choice(list(STAGES)))

@@ -49,8 +49,7 @@ class Change:
 
 @dataclass
 class LongScan(Rig):
-    """The daemon with a model whose gain is 15 % too high; `play` is one scan of this many
-    seconds."""
+    """The daemon with a model whose gain is 15 % too high; `play` is one scan of `seconds`."""
 
     folder: Path
     seconds: float

@@ -103,8 +103,7 @@ def h5_table(path: Path) -> None:
 
 
 def h5_foreign(path: Path) -> None:
-    """Write names, units and texts in Latin-1 and in halves of UTF-16, and a slot without any
-    value."""
+    """Write names, units and texts in Latin-1 and in halves of UTF-16, and a slot with no value."""
     h5py = pytest.importorskip("h5py")
     latin = h5py.string_dtype("utf-8")
     with h5py.File(path, "w") as file:
@@ -124,8 +123,7 @@ def h5_foreign(path: Path) -> None:
 
 
 def mat73(path: Path) -> None:
-    """Write the file as MATLAB lays it out: a leading block of 512 bytes, rows as (1, N), char as
-    uint16."""
+    """Write as MATLAB lays it out: a leading block of 512 bytes, rows as (1, N), char as uint16."""
     h5py = pytest.importorskip("h5py")
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, values in (("t_s", T), ("u_v", U), ("y_um", Y)):

@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 DAC_STEP_V = 2.75e-3
-"""A set voltage is rounded to the amplifier's steps: each end of a move is off by up to half of
-one."""
+"""A set voltage is rounded to the amplifier's steps: each end of a move is off by half a step or
+less."""
 
 
 def excess(time_ns: np.ndarray, volts: np.ndarray, rate_v_per_s: float) -> tuple[float, int, int]:

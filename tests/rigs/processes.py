@@ -231,8 +231,7 @@ def end(process: "subprocess.Popen[str]", timeout: float = 30.0) -> int:
 
 @contextmanager
 def emulated_bench(folder: Path, *arguments: str) -> Iterator[dict[str, str]]:
-    """Run `dehyst emulate` with its ports and control socket in `folder`; end it in order, by
-    SIGTERM."""
+    """Run `dehyst emulate` with ports and control socket in `folder`; end it by SIGTERM."""
     process = dehyst("emulate", *arguments, "--dir", str(folder), stderr=None)
     try:
         assert process.stdout is not None

@@ -21,8 +21,7 @@ period [s]."""
 
 
 def random_cascade(seed: int) -> Model:
-    """Return a random base with up to MOST_BLOCKS blocks, each of another kind, in physical
-    order."""
+    """Return a random base with up to MOST_BLOCKS blocks, all different, in physical order."""
     rng = np.random.default_rng(seed)
     base = random_model(rng)
     v = base.validity

@@ -51,8 +51,7 @@ def _dotted(node: ast.Attribute) -> str:
 
 
 def _named(node: ast.AST) -> set[str]:
-    """Return the names, dotted ones in full, within a definition; "(name)" for an argument: a
-    fixture."""
+    """Return a definition's names, dotted ones in full; "(name)" for an argument: a fixture."""
     names = set()
     for one in ast.walk(node):
         if isinstance(one, ast.Name):
@@ -70,8 +69,7 @@ WORDS = {tool.rpartition(".")[0] or tool for tool in TOOLS}
 
 @cache
 def starting(path: Path, inherited: frozenset[str] = frozenset()) -> frozenset[str]:
-    """Return the names in this file that start something; inherited: fixtures of the folders
-    above."""
+    """Return names in this file that start something; inherited: fixtures of folders above."""
     text = path.read_text(encoding="utf-8")
     words = "|".join(re.escape(name.strip("()")) for name in (*WORDS, *inherited))
     if not re.search(rf"\b(?:{words})\b", text):

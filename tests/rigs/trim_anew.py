@@ -1,5 +1,4 @@
-"""A trimmed stage whose loop dies, or whose gauge is wrong, and its final distance from the
-target."""
+"""A trimmed stage whose loop dies or whose gauge is wrong, and how far from its target it ends."""
 
 import numpy as np
 from tests.rigs.stage_model import kept_model

@@ -119,8 +119,7 @@ class TrimmedStage:
         tamper: Tamper | None = None,
         number: int = 1,
     ) -> slice:
-        """Play a whole trajectory, a point a period, after the approach; return the slice of its
-        samples."""
+        """Play a whole trajectory, a point a period, after the approach; return its slice."""
         player = Player(self, number)
         return player.play(target, correction, tamper, last=True)
 
@@ -147,7 +146,7 @@ class Player:
         last: bool = False,
         missed: Collection[int] = (),
     ) -> slice:
-        """Play the next piece; return the slice of its samples. missed: indices in it that the loop
+        """Play the next piece; return its slice of samples. missed: indices in it that the loop
         misses."""
         rig, n = self.rig, target.size
         batch = np.zeros(n, COMMAND)

@@ -21,8 +21,7 @@ def group_points(
     last: bool = False,
     trajectory: int = 5,
 ) -> np.ndarray:
-    """Return points of a trajectory that `members` axes play together, one a period, from `first`
-    on."""
+    """Return points of a trajectory of `members` axes together, one a period, from `first` on."""
     batch = np.zeros(len(values), COMMAND)
     batch["kind"], batch["trajectory"] = LoopCommand.POINT, trajectory
     batch["group"], batch["members"] = group, members
@@ -65,8 +64,7 @@ class Trio:
     def play(
         self, commands: Mapping[str, np.ndarray], samples: int, compiled: bool = False
     ) -> dict[str, np.ndarray]:
-        """Push commands to axes, run this many samples; return each axis' telemetry of these
-        samples."""
+        """Push commands to axes, run this many samples; return each axis' telemetry of them."""
         first, *others = [rig.monitor for rig in self.rigs.values()]
         if compiled:
             runner: CompiledLoop | PythonLoop = CompiledLoop(first, beside=others)

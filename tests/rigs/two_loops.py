@@ -95,8 +95,7 @@ _links: "weakref.WeakSet[DeviceLink]" = weakref.WeakSet()
 
 
 def end_links() -> None:
-    """Close the devices of every rig, so that no thread of a test reconnects a device of the next
-    one."""
+    """Close the devices of every rig, so that no thread reconnects a device of the next test."""
     for link in list(_links):
         link.close()
     _links.clear()

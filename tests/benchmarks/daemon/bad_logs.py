@@ -56,8 +56,7 @@ def safe(service: Service) -> bool:
 
 
 def once(kind: str) -> tuple[float, ...]:
-    """Return seconds, in the order of FIGURES. Raises AssertionError if something never
-    happened."""
+    """Return seconds, in the order of FIGURES. AssertionError if something never happened."""
     with tempfile.TemporaryDirectory(prefix="dehyst-logs-") as name:
         folder = Path(name)
         save_model(kept_model(), folder / "model.toml")

@@ -39,8 +39,7 @@ HOLD = (faults.kill_core_hold, faults.unplug_hold)
 
 
 def series(chosen: Sequence[Callable[..., str]], make: Callable[[Path], Rig], bars: Bars) -> None:
-    """Apply these faults to one daemon that runs on the rig, and to a new one after a fault that
-    failed."""
+    """Apply these faults to one running daemon, and to a new one after each that failed."""
     left = list(chosen)
     while left:
         with tempfile.TemporaryDirectory(prefix="dehyst-chaos-") as folder:

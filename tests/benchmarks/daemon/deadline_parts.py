@@ -270,8 +270,7 @@ def histogram(output: str) -> dict[int, int]:
 
 @contextmanager
 def load_of(kind: str, core: Core, seconds: float) -> Iterator[list["subprocess.Popen[str]"]]:
-    """Run a load at the same time as the core; yield processes whose last line of output is
-    wanted."""
+    """Run a load next to the core; yield processes whose last line of output is wanted."""
     running, wanted = [], []
     if kind == "cpu":
         running = [python(BURN) for _ in range(os.cpu_count() or 1)]

@@ -121,8 +121,7 @@ def telemetry_cost(rate: float) -> str:
 
 
 def start_s(folder: Path, cpu: int) -> float:
-    """Return seconds from exec to the first sample, kernels in the cache. One start, not the
-    best."""
+    """Return seconds from exec to the first sample, kernels cached. One start, not the best."""
     core = Core(folder, 1000.0, cpu, "auto", free_port())
     core.close()
     return core.start_s

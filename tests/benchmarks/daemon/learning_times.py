@@ -68,8 +68,7 @@ class LateStage(TrimmedStage):
 
 
 def outputs_before(rig: LateStage, own: slice, back: int) -> tuple[Floats, Floats]:
-    """Return (n, back) steps of the output before each reading of a pass, and the time since
-    each."""
+    """Return (n, back) output steps before each reading of a pass, and the time since each."""
     volts = np.array([float(record["volts"]) for record in rig.records[: own.stop]])
     at = np.maximum(np.arange(own.start, own.stop)[:, None] - np.arange(1, back + 1), 1)
     read_s, set_s = np.array(rig.read_s), np.array(rig.set_s)

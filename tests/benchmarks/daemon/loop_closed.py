@@ -37,8 +37,7 @@ START_S = 1.0  # the approach from rest to the trajectory is not judged
 
 @dataclass(frozen=True)
 class Trial:
-    """One effect to test. name: the effect; expected: the diagnosis expected; settings: of the
-    stage."""
+    """One effect to test. name: the effect; expected: the diagnosis; settings: of the stage."""
 
     name: str
     expected: tuple[str, ...]
@@ -195,8 +194,7 @@ def one(trial: Trial, seed: int = 1) -> dict[str, Any]:
 
 
 def perfect(seed: int = 1) -> float:
-    """Return the rms error of the same tracking on the undisturbed stage [nm]: the method's
-    floor."""
+    """Return the rms error of the tracking on the undisturbed stage [nm]: the method's floor."""
     bare = Trial("none", (), {})
     drive = exploring(seed)
     recording = run(stage_with(bare, seed), drive, surroundings(drive.size, seed), None)
@@ -239,8 +237,7 @@ def judge(rows: Sequence[dict[str, Any]], floor_nm: float) -> Bars:
 
 
 def collect(names: Sequence[str] = (), say: Any = None) -> tuple[list[dict[str, Any]], float]:
-    """Return the rows of the trials whose name contains one of `names` (none: all), and the
-    floor."""
+    """Return the rows of trials whose name contains one of `names` (none: all), and the floor."""
     rows = []
     for trial in TRIALS:
         if not names or any(n in trial.name for n in names):

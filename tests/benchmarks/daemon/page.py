@@ -41,8 +41,7 @@ def samples(page: PageProcess) -> float:
 
 
 def measure(page: PageProcess, windows: list[float], seconds: float) -> tuple[float, float, float]:
-    """Return (share of a processor, frames per second and browser, the loop's samples per
-    second)."""
+    """Return (share of a processor, frames/s per browser, the loop's samples/s)."""
     readers = [Reader(page, window_s) for window_s in windows]
     time.sleep(4.0)  # the initial traffic is higher
     frames = sum(len(r.browser.frames) for r in readers)

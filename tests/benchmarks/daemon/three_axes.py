@@ -59,8 +59,7 @@ def targets_of(scan: Scan) -> dict[str, Floats]:
 
 
 def cross_talk_nm(models: Mapping[str, Model], scan: Scan, together: TrackingRun) -> float:
-    """Return the rms over the axes of the others' contribution: the run with them minus the run
-    alone."""
+    """Return the rms over the axes of the others' contribution: the run with them minus alone."""
     whole, found = targets_of(scan), []
     for axis in AXES:
         alone = {a: t if a == axis else np.full(t.size, t[0]) for a, t in whole.items()}

@@ -98,8 +98,7 @@ def log_of(bench: EmulatedBench) -> dict[str, tuple[Floats, Floats]]:
 def courses_um(
     client: Mapping[str, Client], bench: EmulatedBench, n: int, passes: int
 ) -> tuple[dict[str, Floats], NDArray[np.bool_]]:
-    """Return (n,) true displacement minus target of each axis in the last pass; (n,) no missed
-    deadline."""
+    """Return (n,) true displacement minus target by axis in the last pass; (n,) in time."""
     true, off, good = log_of(bench), {}, np.ones(n, bool)
     for axis, one in client.items():
         records = one.history(seconds=passes * n / AXES_RATE_HZ + AFTER_S)

@@ -21,8 +21,7 @@ DRIFT_UM, DRIFT_S = 3.0, 30.0
 
 
 def seconds_until_on_target(one: TrimmedStage, watched_s: float, off: float) -> float:
-    """Return the time after which the mean distance over half a second stays within the bar; nan:
-    never."""
+    """Return when the mean distance over half a second is finally within the bar; nan: never."""
     n, width = round(watched_s * RATE_HZ), round(0.5 * RATE_HZ)
     away = one.true_um[-n:] + off - one.telemetry["target"][-n:]
     mean = np.convolve(away, np.full(width, 1 / width), "valid")
@@ -33,8 +32,7 @@ def seconds_until_on_target(one: TrimmedStage, watched_s: float, off: float) -> 
 
 
 def one_death(one: TrimmedStage, number: int, share: float) -> tuple[float, bool, float]:
-    """Return the final distance [um], whether the trim is frozen, and the seconds until on
-    target."""
+    """Return the final distance [um], whether trim is frozen, and seconds until on target."""
     low, high = one.reach
     wander(one, 4.0, number)
     die(one)

@@ -66,8 +66,7 @@ def round_1(data: Path, stages: int) -> Iterator[Case]:
 
 
 def round_2(data: Path, stages: int) -> Iterator[Case]:
-    """Yield the second opened round; the second half of a single recording is not another
-    waveform."""
+    """Yield the second opened round; half of a single recording is no other waveform."""
     for folder in sorted((data / "concealed" / "round-2").glob("case-*")):
         one, *others = (read_recording(p) for p in sorted(folder.glob("recording-*")))
         if others:

@@ -95,8 +95,7 @@ def plant_tables(bars: Bars) -> None:
 
 
 def steps_table(bars: Bars) -> None:
-    """Print steps of 2 um on Eq. 12: the whole trajectory against the preview, every sample
-    counted."""
+    """Print steps of 2 um on Eq. 12: the whole trajectory against the preview, all samples."""
     model = shipped("paper-eq12")
     print("\nsteps of 2 um every 50 ms on Eq. 12; rms error in nm, every sample counted")
     print(f"{'period':>8}{'static':>10}{'preview':>10}{'whole':>10}")
@@ -119,8 +118,7 @@ def _case(seed: int) -> tuple[int, Outcome]:
 
 
 def random_models(first: int, last: int, processes: int, bars: Bars) -> None:
-    """Run random parameter sets and difficult targets, by seed; print the ratio to static's
-    error."""
+    """Run random parameter sets and difficult targets; print the ratio to static's error."""
     print(f"\nrandom models {first} to {last - 1}: targets that jump, starve and leave the range")
     began = time.perf_counter()
     seeds = range(first, last)

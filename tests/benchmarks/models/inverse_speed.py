@@ -120,8 +120,7 @@ def table(bars: Bars) -> None:
 
 
 def _mode(mode: str, rate_hz: int) -> tuple[float, Floats]:
-    """Return the share of a core in a compiled loop, and seconds per sample when called from
-    Python."""
+    """Return the share of a core in a compiled loop, and seconds per sample from Python."""
     c = Compensator(shipped("paper-eq12"), 1 / rate_hz, 0.0, 10.0, 1e4, mode, 0.1)
     n = 2 * rate_hz
     target = 6.0 - 3.0 * np.cos(2 * np.pi * 5 * np.arange(n) / rate_hz)

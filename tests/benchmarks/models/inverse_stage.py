@@ -108,8 +108,7 @@ def table() -> None:
 
 
 def _conditioning() -> Floats:
-    """Return one loop over the range before each run: plant and model then have the same
-    history."""
+    """Return one loop over the range before each run, for equal history of plant and model."""
     up = 0.5 * (1 - np.cos(2 * np.pi * np.arange(2000) / 2000))
     return 0.88 * TOP_V * up
 

@@ -33,8 +33,7 @@ def found_in(recordings: list[Recording], what: str) -> Identification | None:
 
 
 def without(bars: Bars, number: int) -> None:
-    """Kinds outside the class: none is accepted; a stage without hysteresis is accepted and
-    named."""
+    """Kinds outside the class: none is accepted; one without hysteresis is, and is named."""
     kinds = outside()
     accepted = [kind for kind, one in kinds.items() if found_in([one], kind) is not None]
     bars.none(f"accepted of {len(kinds)} kinds outside of the class", len(accepted))

@@ -111,8 +111,7 @@ def test_each_mistake_is_noticed(missed: str, rows: Any) -> None:
 
 
 def worse(after: float) -> list[Row]:
-    """Return stages with an effect whose held-out drive the written model predicts with this
-    residual."""
+    """Return stages with an effect whose held-out drive leaves the written model this much."""
     rows = all_rows(perfect, after=after)
     return [r for r in rows if r["answer"]["verdict"] == "explained"]
 

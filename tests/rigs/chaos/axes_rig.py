@@ -160,8 +160,7 @@ class AxesRig(Rig):
     # -- what the log of each channel shows -----------------------------------------------------
 
     def channel(self, axis: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return (time_ns, volts) of a channel since the rig began, from the amplifier's own
-        log."""
+        """Return (time_ns, volts) of a channel since the rig began, from the amplifier's log."""
         self.bench_order(save=True)
         head = "" if axis == AXES[0] else f"{axis}_"
         with np.load(self.log) as data:

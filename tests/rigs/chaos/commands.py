@@ -194,8 +194,7 @@ def _flooded(
     during: Callable[[], None],
     meanwhile: Callable[[], None] = lambda: None,
 ) -> str:
-    """Send set-points in this client's name from several processes; return in words what was
-    sent."""
+    """Send set-points in this client's name from several processes; return a description."""
     key = rig.client.keys.pubsub(subject(SETPOINT, rig.client.unit), str(client))
     script = str(ROOT / "tests" / "rigs" / "chaos" / "flood.py")
     arguments = [rig.address, key, str(client), str(lease), str(seconds)]

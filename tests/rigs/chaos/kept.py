@@ -1,5 +1,4 @@
-"""A running rig of the chaos tests for one fault after another; after a failure a new one is
-built."""
+"""A running rig of the chaos tests for one fault after another, rebuilt after a failure."""
 
 from collections.abc import Callable
 from pathlib import Path

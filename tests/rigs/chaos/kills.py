@@ -50,8 +50,7 @@ class Kills:
         self.rig, self.random, self.account = rig, random.Random(seed), Account()
 
     def run(self, count: int) -> Account:
-        """Run `count` faults, each after recovery from the previous one; stop early if one has
-        none."""
+        """Run `count` faults, each after recovery from the previous one; stop if there is none."""
         recording, path = None, Path()
         for number in range(count):
             if number % FAULTS_A_RECORDING == 0:

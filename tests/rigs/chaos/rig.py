@@ -263,8 +263,7 @@ class Rig:
         return status.pid if name == "core" else status.gateway.pid
 
     def kill(self, name: str, number: int = signal.SIGKILL) -> int:
-        """Send a signal to core, gateway or client and return its process id; a killed process has
-        ended."""
+        """Send a signal to core, gateway or client, wait if it kills; return the process id."""
         pid = self.pid(name)
         os.kill(pid, number)
         if number == signal.SIGKILL:
@@ -290,8 +289,7 @@ class Rig:
         self.since_ns = self.fault_ns = time.monotonic_ns()
 
     def mark_fault(self) -> None:
-        """Start another part of the same fault; the output is still judged from the previous
-        mark."""
+        """Start another part of the fault; the output is judged from the previous mark."""
         self.since_ns = time.monotonic_ns()
 
     def samples(self) -> np.ndarray:
@@ -300,8 +298,7 @@ class Rig:
         return samples_since(self.since_ns, self.listener.samples)
 
     def judge(self, fault: Callable[..., str]) -> None:
-        """Check what must hold after this fault in addition to the checks of the amplifier's
-        channel."""
+        """Check what must hold after this fault beyond the amplifier's channel."""
 
     def flags(self) -> int:
         """Return all flags since the mark."""
@@ -320,8 +317,7 @@ class Rig:
         return "\n".join(e.text for e in events if e.time_ns >= self.since_ns)
 
     def known_events(self) -> str:
-        """Return the texts of the events since the mark that the gateway knows; "" if none
-        answers."""
+        """Return the texts of events since the mark that the gateway knows; "" if none."""
         try:
             events = self.client.events()
         except DehystError:
@@ -384,15 +380,13 @@ class Rig:
         return ask(self.ports["control"], order)
 
     def output(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return (time_ns, volts) at the amplifier's output since the rig began, from its own
-        log."""
+        """Return (time_ns, volts) at the amplifier's output since the rig began, from its log."""
         self.bench_order(save=True)
         with np.load(self.log) as data:
             return data["time_ns"], data["volts"]
 
     def check_held(self, begin_ns: int, end_ns: int | None = None) -> None:
-        """Check that the output did not move between these times, after any command still in
-        transit."""
+        """Check that the output did not move in this time, after any command in transit."""
         output.check_held(*self.output(), begin_ns + 2 * STEP_NS, end_ns)
 
     def check_steps(self, step_v: float, rate_v_per_s: float, begin_ns: int) -> None:
@@ -401,8 +395,7 @@ class Rig:
         output.check_steps(*log, step_v, rate_v_per_s, LATE_S)
 
     def check_ramped(self, begin_ns: int) -> None:
-        """Check that after begin the output went to its safe voltage in steps of its ramp, no
-        faster."""
+        """Check that the output then ramped to its safe voltage in steps, no faster."""
         time_ns, volts = output.during(*self.output(), begin_ns + 2 * STEP_NS)
         there = np.flatnonzero(np.abs(volts - SAFE_V) < 0.01)
         assert there.size, "the output never came to its safe voltage"

@@ -18,8 +18,7 @@ STEP_SAMPLES = 1.5  # time constant of the generator's output filter, in periods
 
 
 def _started(u: Floats, t: Floats, dt: float) -> Floats:
-    """Let a drive grow from 0 V in the soft start, so that the recording contains the virgin
-    curve."""
+    """Let a drive grow from 0 V in the soft start, so that it includes the virgin curve."""
     return u * np.clip(t / (SOFT_START_SAMPLES * dt), 0.0, 1.0)
 
 

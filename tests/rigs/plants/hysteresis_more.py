@@ -71,8 +71,7 @@ def _envelope_plays(
 
 
 def dead_zones(rng: np.random.Generator) -> Callable[[Floats], Floats]:
-    """25 plays between two tanh curves, with the rising one bent differently from the falling
-    one."""
+    """25 plays between two tanh curves, the rising one bent differently from the falling one."""
     halves = np.r_[0.0, np.exp(np.linspace(np.log(0.03), np.log(2.5), 24))]
     weights = rng.gamma(2.0, 1.0, 25) * np.exp(-halves / rng.uniform(0.7, 1.5))
     weights[0] = rng.uniform(3.0, 5.0) * np.sum(weights[1:]) / 3.0

@@ -34,8 +34,7 @@ Row = dict[str, Any]
 
 
 def version() -> str:
-    """Return the version of everything that determines a row: the models, the judge and the
-    plants."""
+    """Return the version of all code behind a row: the models, the judge and the plants."""
     digest = hashlib.sha256()
     for room in ("models", "tests/benchmarks/models/proof", "tests/rigs"):
         for path in sorted((ROOT / room).rglob("*.py")):

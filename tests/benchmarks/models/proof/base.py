@@ -124,8 +124,7 @@ class Size:
         return rms(rest) if name in LATE else least_left(rest, self._lags)
 
     def ties(self, name: str, difference: Floats, noise: float) -> list[str]:
-        """Return the names that would do as well: they leave a residual that is small against the
-        noise."""
+        """Return the names that would do as well: their residual is small against the noise."""
         rest = self.base.residual(difference)
         rivals = {"lag": self._lags, "drift": self.base.trends()} if name != "drift" else {}
         if name == "lag":

@@ -35,8 +35,7 @@ HARDWARE = "hardware"
 
 
 def cases(count: int, families: Sequence[str] = ()) -> list[str]:
-    """Return this many names of cases of these families (all: in the proof's shares), well
-    mixed."""
+    """Return `count` names of cases of these families (all: in the proof's shares), mixed."""
     wanted = list(families) or list(COUNTS)
     places = []
     for order, family in enumerate(wanted):
@@ -102,8 +101,7 @@ def single(rng: Rng, number: int) -> dict[str, Any]:
 
 
 def shape(rng: Rng, number: int) -> dict[str, Any]:
-    """A bend of each kind on a stage of the library's own class; every second one is of another
-    class."""
+    """A bend of each kind on a stage of the library's class; every second one is of another."""
     if number % 2:
         return {"hysteresis": tuple(FOREIGN)[(number // 2) % len(FOREIGN)]}
     bend = tuple(SHAPES)[(number // 2) % len(SHAPES)]
@@ -145,8 +143,7 @@ def triple(rng: Rng, number: int) -> dict[str, Any]:
 
 
 def quiet(rng: Rng, number: int) -> dict[str, Any]:
-    """Noise of at most 1e-4 of the span, so that the misfit of the hysteresis class is far above
-    it."""
+    """Noise of at most 1e-4 of the span, so that the misfit of the loop's class exceeds it."""
     rate = float(rng.choice([1000.0, 2000.0, 5000.0]))
     noise = 10.0 * float(np.exp(rng.uniform(np.log(2e-5), np.log(1.2e-4))))
     rig = Rig(rate_hz=rate, noise_um=noise, step_um=noise / 8.0, channels=())

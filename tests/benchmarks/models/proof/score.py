@@ -199,8 +199,7 @@ LIMITED = {
 def contradicted(
     truth: Truth, limits: Sequence[dict[str, Any]], names: Sequence[str], rig: Rig
 ) -> list[str]:
-    """Return limits that the hidden effects prove false: they are beyond them, and were not
-    named."""
+    """Return limits that the hidden effects prove false: exceeded, and not named."""
     out = []
     for h in truth.physics:
         key = LIMITED.get(h.name, "")

@@ -230,8 +230,7 @@ def _is_blind(hz: float, plan: Plan) -> bool:
 
 
 def on_a_harmonic(hz: float, plan: Plan) -> bool:
-    """Return whether a line is closer to a multiple of the drive's frequency than a recording
-    resolves."""
+    """Return whether a line is too close to a multiple of the drive's frequency to resolve."""
     if plan.repeats_hz <= 0 or hz <= 0:
         return False
     off = abs(hz - plan.repeats_hz * round(hz / plan.repeats_hz))
@@ -262,8 +261,7 @@ def _from_rest(shape: Callable[[Floats], Floats], u: Floats, bipolar: bool) -> F
 
 
 def _solve(size_of: Callable[[float], float], target: float, effect: Effect) -> float:
-    """Find the strength that leaves the target, by secants in the logarithm, in the plausible
-    range."""
+    """Find the strength that leaves the target, by secants in the logarithm, within limits."""
     s, low, high = effect.start, 0.0, effect.top
     for _ in range(10):
         size = size_of(s)

@@ -49,8 +49,7 @@ def outside(rows: Iterable[Row]) -> list[Row]:
 
 
 def worse_held_out(row: Row) -> bool:
-    """Return whether the augmented model predicts worse than the model in use, by more than the
-    noise."""
+    """Whether the augmented model predicts worse than the model in use, by more than the noise."""
     f = row["figures"]
     return bool(f["held_augmented"] > f["held_model"] + 1.0)
 
