@@ -54,8 +54,7 @@ class SharedUnit:
                     )
 
     def release(self, axis: str, output: object) -> Mdt693bLink | None:
-        """Unregister an output. Returns the link, for the caller to close, if it was the last
-        one."""
+        """Unregister an output. Return the link, to be closed, if it was the last one."""
         with self.lock:
             if self._outputs.get(axis) is output:
                 del self._outputs[axis]

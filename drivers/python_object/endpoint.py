@@ -8,8 +8,7 @@ from dehyst.drivers.interface import DriverConfigError, ProtocolError
 
 
 def setter(owner: Any, name: str, arguments: Sequence[Any]) -> Callable[[float], None]:
-    """Return a function that writes a number: `owner.name(*arguments, number)` or `owner.name =
-    number`.
+    """Return a function that does `owner.name(*arguments, number)` or `owner.name = number`.
 
     Raises DriverConfigError if nothing has this name.
     """

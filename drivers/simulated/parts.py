@@ -111,7 +111,7 @@ def mode_factors(hz: float, damping: float, h: float) -> tuple[float, float, flo
 
 @njit(cache=True, nogil=True)
 def cross(p: Record, s: Record, h: float) -> None:
-    """Advance the other axes' contribution by h seconds, with s.others_um held during them."""
+    """Advance the other axes' contribution by h seconds; s.others_um is held meanwhile."""
     if p.cross_share > 0.0 and p.cross_hz > 0.0:
         a11, a12, a21, a22 = mode_factors(p.cross_hz, p.cross_damping, h)
         off, rate = s.swing - s.others_um, s.swing_rate
