@@ -1,5 +1,5 @@
-"""A witness of the machine: on each CPU a process that only wakes every 5 ms, at the highest
-priority, and counts how often it is late, as cyclictest does. It shares nothing with what is
+"""A witness of the machine: on each CPU a process that only wakes every 5 ms, above all
+other processes, and counts how often it is late, as cyclictest does. It shares nothing with what is
 measured: when it is late, the machine was unavailable (its host took it, or an interrupt), and no
 program on it was on time."""
 

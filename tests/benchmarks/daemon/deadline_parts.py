@@ -1,4 +1,4 @@
-"""Processes and measurements for bench_deadline.py: the core, cyclictest, loads, subscribers."""
+"""Processes and measurements for deadlines.py: the core, cyclictest, loads, subscribers."""
 
 import json
 import os

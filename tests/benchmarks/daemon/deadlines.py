@@ -4,11 +4,11 @@
 
 The core runs as in production (its own process, FIFO 80, pinned, with its witness) on the
 in-process simulated stage, following a set-point. cyclictest runs at the same time on the same CPU
-at a higher priority, so it never waits for the loop. To compare the loads `served` (the gateway
-alone) and `doctor` (gateway, a page viewed in a browser, and a doctor that examines case after
-case) side by side: `--loads served,doctor --repeat 3`. It then measures telemetry at a subscriber
-and its cost, and one start. Without cyclictest (Debian: rt-tests) its columns are omitted and bars
-relative to it are not judged. Exit status: see tests/benchmarks/bars.py.
+at a higher priority, so it never waits for the loop. `--loads served,doctor --repeat 3` compares
+the loads `served` (the gateway alone) and `doctor` (gateway, a page viewed in a browser, and a
+doctor that examines case after case). The benchmark then measures telemetry at a subscriber and its
+cost, and one start. Without cyclictest (Debian: rt-tests) its columns are omitted and bars relative
+to it are not judged. Exit status: see tests/benchmarks/bars.py.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """The faults of the chaos tests that only several axes have: faults of one axis, faults of all.
 
-As in faults: each one is applied to a running rig (AxesRig: x and y play, z rests), returns what
+As in faults.py: each one is applied to a running rig (AxesRig: x and y play, z rests), returns what
 happened, and raises AssertionError if the daemon does not do what it must. After each of them the
 rig checks that z never moved and that y kept to range and slew.
 """

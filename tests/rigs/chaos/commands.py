@@ -1,6 +1,6 @@
 """The faults of the chaos tests that clients cause: wrong, old, huge and far too many commands.
 
-As in chaos_faults: each one is applied to a running rig, returns what happened, and raises
+As in faults.py: each one is applied to a running rig, returns what happened, and raises
 AssertionError if the daemon does not do what it must.
 """
 
