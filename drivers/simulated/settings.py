@@ -124,7 +124,7 @@ class StageSettings(Settings, frozen=True):
             raise self.wrong("clip_min_v", f"below clip_max_v = {self.clip_max_v:g}")
 
     def quiet(self, **others: float) -> Self:
-        """Return this stage with only the scale left downstream of the drive, for tests."""
+        """Return this stage without the effects in OFF_FOR_QUIET, for tests."""
         off = dict.fromkeys(OFF_FOR_QUIET, 0.0)
         return structs.replace(self, **{**off, **others})
 

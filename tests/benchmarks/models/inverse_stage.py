@@ -1,5 +1,4 @@
-"""Tracking on a plant whose physics differs from the model's: the simulated stage; see
-bench_invert."""
+"""Tracking on a plant whose physics differs from the model's: the simulated stage; see inverse.py."""
 
 import numpy as np
 from numpy.typing import NDArray
