@@ -1,4 +1,4 @@
-"""Tracking on a plant whose physics differs from the model's: the simulated stage; see inverse.py."""
+"""Tracking on a plant with other physics than the model's: the simulated stage; see inverse.py."""
 
 import numpy as np
 from numpy.typing import NDArray
