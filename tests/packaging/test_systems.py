@@ -190,6 +190,22 @@ def test_all_of_the_library_is_imported(elsewhere: Elsewhere) -> None:
     assert elsewhere.run("-c", program) == (0, "all\n")
 
 
+def test_a_configuration_names_its_run_folder_without_a_users_number(elsewhere: Elsewhere) -> None:
+    """The default of `run_dir` holds the number of the user, which Windows does not have."""
+    assert elsewhere.dehyst("config init --range 0 100 -o named.toml")[0] == 0
+    program = (
+        "import os\n"
+        "from pathlib import Path\n"
+        "from dehyst.daemon.config import load_config\n"
+        "for name in ('RUNTIME_DIRECTORY', 'XDG_RUNTIME_DIR'):\n"
+        "    os.environ.pop(name, None)\n"
+        "print(load_config(Path('named.toml')).directory.name)\n"
+    )
+    number = 0 if elsewhere.platform == "win32" else os.geteuid()
+    code, said = elsewhere.run("-c", program)
+    assert (code, said.startswith(f"dehyst-{number}-")) == (0, True), said
+
+
 @pytest.mark.parametrize("command", [*OFFLINE, *CLIENTS])
 def test_a_command_runs_to_its_end(elsewhere: Elsewhere, command: str) -> None:
     if elsewhere.platform == "darwin" and command.split()[0] not in ON_BOTH:
