@@ -1,5 +1,5 @@
-"""The page under a path of a reverse proxy with TLS: a real nginx and a real Caddy with the
-configurations of docs/examples, and a real Chromium before nginx."""
+"""The page works under a path of a TLS reverse proxy. A real nginx and a real Caddy run with the
+configurations of docs/examples; a real Chromium reaches the page through nginx."""
 
 import json
 import shutil
@@ -35,7 +35,7 @@ http {{
 
 
 class Proxy:
-    """A proxy before a page, as people reach it."""
+    """A page and the proxy through which people reach it."""
 
     def __init__(self, page: PageProcess, port: int) -> None:
         self.page, self.port = page, port
@@ -43,12 +43,12 @@ class Proxy:
         self.url = f"https://127.0.0.1:{port}/stage"
 
     def http(self, source: str) -> httpx.Client:
-        """Somebody at this address."""
+        """Return an HTTP client that connects from this source address."""
         headers = {"host": f"lab.example:{self.port}", "origin": self.origin}
         transport = httpx.HTTPTransport(local_address=source, verify=False)
 
         def name(request: httpx.Request) -> None:
-            request.extensions["sni_hostname"] = "lab.example"  # as a browser names it to TLS
+            request.extensions["sni_hostname"] = "lab.example"  # the server name a browser sends
 
         return httpx.Client(
             base_url=self.url, transport=transport, headers=headers, timeout=20.0,
@@ -116,7 +116,7 @@ def proxy(
 
 
 def answers(proxy: Proxy) -> bool:
-    """Whether the page is served through the proxy."""
+    """Return whether the page is served through the proxy."""
     try:
         with proxy.http("127.0.0.1") as somebody:
             return somebody.get("/").status_code == 200

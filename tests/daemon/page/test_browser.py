@@ -1,6 +1,6 @@
-"""The page in a real Chromium, before `dehyst run` on the emulated amplifier and gauge.
+"""A real Chromium shows the page of `dehyst run` with the emulated amplifier and gauge.
 
-Skipped where there is no Chromium with its driver.
+Skipped without Chromium and its driver.
 """
 
 import os
@@ -50,7 +50,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 def window(service: Service) -> Iterator[Chromium]:
     window = Chromium()
     try:
-        service.client().close()  # the gateway answers
+        service.client().close()  # returns once the gateway answers
         url = f"http://127.0.0.1:{service.page_port}/"  # type: ignore[attr-defined]
 
         def served() -> bool:
@@ -60,7 +60,7 @@ def window(service: Service) -> Iterator[Chromium]:
         def unafraid() -> bool:
             try:
                 return served()
-            except Exception:  # refused, until it is served
+            except Exception:  # connection refused until the page is served
                 return False
 
         window.until("the page is served", unafraid)
@@ -71,7 +71,7 @@ def window(service: Service) -> Iterator[Chromium]:
 
 
 def drawn(window: Chromium) -> tuple[int, float]:
-    """(pictures drawn so far, time of the newest point)."""
+    """Return (number of frames drawn so far, time of the newest point)."""
     frames, newest = window.ask("[dehystPage.plots.frames, dehystPage.plots.newest()]")
     return int(frames), float(newest or 0.0)
 
@@ -90,7 +90,7 @@ def test_it_loads_and_what_it_shows_moves(window: Chromium) -> None:
     assert window.text("reach") == "reach, µm"
     assert "Hz" in window.text("deadlines")
     assert "operators" in window.text("model")
-    assert window.text("events").count("the loop runs") == 1  # it did before the page was there
+    assert window.text("events").count("the loop runs") == 1  # from before the page connected
     assert window.complaints() == []
 
 
@@ -113,7 +113,7 @@ def test_a_set_point_arrives_at_the_amplifier_and_stop_works(
     top = int(np.argmax(since))
     assert since[top] > 40.0
     assert since[-1] == pytest.approx(SAFE_V, abs=0.05)
-    assert np.all(np.diff(since[top:]) <= 0.05)  # the way down is a ramp, nothing came again
+    assert np.all(np.diff(since[top:]) <= 0.05)  # the output ramps down and never rises again
 
 
 NEWEST_MEASURED = "dehystPage.plots.y[1].filter(v => v !== null).at(-1)"
@@ -140,7 +140,7 @@ def test_keys_pause_windows_and_stop(window: Chromium, service: Service) -> None
 
 
 def aimed(window: Chromium, um: float) -> bool:
-    """The newest target of the loop is this."""
+    """Return whether the newest target of the loop is `um` [um]."""
     aim = window.ask("dehystPage.now.aim")
     return aim is not None and abs(aim - um) < 1e-6
 
@@ -158,7 +158,7 @@ def test_arrows_step_and_space_stops_whatever_has_the_focus(window: Chromium) ->
     body.send_keys(Key.ARROW_UP)
     window.until("a step up", lambda: aimed(window, 7.25))
     for key, um in ((Key.ARROW_RIGHT, 7.5), (Key.ARROW_DOWN, 7.25), (Key.ARROW_LEFT, 7.0)):
-        time.sleep(0.15)  # a key that is held down repeats ten times a second
+        time.sleep(0.15)  # a held key repeats ten times a second
         body.send_keys(key)
         window.until(f"a step to {um}", lambda um=um: aimed(window, um))  # type: ignore[misc]
     time.sleep(0.15)
@@ -223,7 +223,7 @@ def test_hold_holds_in_motion_and_at_rest(window: Chromium, service: Service) ->
 
 
 def trajectory(path: Path, middle: float, points: int = 400) -> Path:
-    """A file with a second of a sine about this place."""
+    """Write a file with one second of a sine around `middle` [um]; return its path."""
     t_s = np.arange(points) / points
     target = middle + np.sin(2 * np.pi * t_s)
     path.write_text(
@@ -241,9 +241,9 @@ def test_a_file_that_is_given_while_another_is_checked_shows_its_own_figures(
     shown = "!document.getElementById('preview').hidden"
     field.send_keys(str(first))
     window.click("as-trajectory")
-    field.send_keys(str(second))  # while the first is worked on
+    field.send_keys(str(second))  # while the first file is still being checked
     assert "second.csv" in window.text("job-text")
-    time.sleep(8.0)  # the first is done by now
+    time.sleep(8.0)  # by now the check of the first file has ended
     assert not window.ask(shown)
     assert "second.csv" in window.text("job-text")
     window.click("as-trajectory")
@@ -256,13 +256,13 @@ def test_a_file_that_is_given_while_another_is_checked_shows_its_own_figures(
         ".map(e => e.textContent)"
     )
     assert labels == ["target", "reach"]
-    field.send_keys(str(first))  # its preview goes with it
+    field.send_keys(str(first))  # which removes the preview of the second file
     assert not window.ask(shown)
     assert window.ask("dehystPage.plots.paused") is False
 
 
 def recording(path: Path, width: float) -> Path:
-    """A file of a stage with one loop of this width."""
+    """Write a recording of a stage with one hysteresis loop of this width; return its path."""
     t_s = np.arange(0.0, 20.0, 0.02)
     drive = 75.0 - 75.0 * np.cos(2 * np.pi * 0.2 * t_s) * np.exp(-t_s / 20.0)
     drive *= np.minimum(1.0, t_s / 2.0)
@@ -300,7 +300,7 @@ def test_what_was_found_of_a_recording_stays_when_another_file_is_given(
         href = f"document.querySelector('#earlier a[href$={what}]').href"
         assert window.ask(f"fetch({href}).then(answer => answer.status)") == 200
     window.click("as-identify")
-    field.send_keys(str(trajectory(tmp_path / "way.csv", 6.0)))  # while the second is worked on
+    field.send_keys(str(trajectory(tmp_path / "way.csv", 6.0)))  # during the second's job
     assert window.ask(listed) == ["one.csv: identify"]
     both = ["two.csv: identify", "one.csv: identify"]
     wait_until("the second", lambda: window.ask(listed) == both, 300.0)
@@ -363,7 +363,7 @@ def test_what_the_doctor_found_is_shown_and_markup_in_it_stays_text(
     assert window.ask("document.querySelectorAll('#model-loop polyline').length") == 2
     accept = window.chrome.find_element("id", "accept")
     assert accept.is_enabled()
-    accept.click()  # the daemon knows no such offer, and is asked for the very number
+    accept.click()  # the daemon does not know this offer, but must be asked for exactly this number
     window.until("refused", lambda: "no such offer" in window.text("said"))
     assert "owned" not in window.chrome.title
     assert window.complaints() == []
@@ -372,7 +372,8 @@ def test_what_the_doctor_found_is_shown_and_markup_in_it_stays_text(
 def test_accepting_asks_where_the_trajectory_in_play_may_be_cut(
     window: Chromium, service: Service
 ) -> None:
-    """What accepting changes stands beside the button; a no decides nothing."""
+    """Before a model is accepted, the page states what this does to the trajectory in play and asks
+    for confirmation; after "no", nothing is decided."""
     offer = ModelOffer(
         number=77, seconds=10.0, rms_in_use=0.3, rms_offered=0.03, noise=0.02, trial_s=10.0,
         reach_in_use=(0.0, 20.0), reach_offered=(1.0, 20.0),
@@ -444,7 +445,7 @@ def test_an_observer_sees_and_cannot_command(window: Chromium, service: Service)
         for button in ("stop", "hold", "release", "target", "accept", "reject"):
             assert not window.chrome.find_element("id", button).is_enabled(), button
         before = service.output()
-        window.ask("dehystPage.ask({ask: 'go', value: 8, seconds: 5})")  # past the buttons
+        window.ask("dehystPage.ask({ask: 'go', value: 8, seconds: 5})")  # bypasses the buttons
         window.until("refused", lambda: "observer" in window.text("said"))
         assert service.output() == pytest.approx(before, abs=0.05)
     finally:
@@ -454,7 +455,7 @@ def test_an_observer_sees_and_cannot_command(window: Chromium, service: Service)
 
 
 def process_of(service: Service, verb: str) -> int:
-    """The supervisor's child that runs this verb; 0: none."""
+    """Return the pid of the supervisor's child that runs this verb, or 0 if there is none."""
     assert service.supervisor is not None
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
@@ -474,7 +475,7 @@ def test_a_killed_gateway_and_a_killed_page_come_back(window: Chromium, service:
         assert pid
         os.kill(pid, signal.SIGKILL)
         until(lambda old=pid, v=verb: process_of(service, v) not in (0, old), PATIENCE_S, verb)  # type: ignore[misc]
-        newest = time.time()  # on a quiet machine it is back before it is missed
+        newest = time.time()  # on a quiet machine it is back before the page shows a gap
         window.until("it is drawn again", lambda n=newest: drawn(window)[1] > n + 1)  # type: ignore[misc]
 
 

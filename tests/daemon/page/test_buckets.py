@@ -1,4 +1,4 @@
-"""Buckets of time against a brute-force search; the histogram of wake-ups."""
+"""Check the time buckets against a brute-force search, and the histogram of wake-ups."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def test_a_bucket_spans_its_samples(period_ns: int, level: int) -> None:
     assert len(columns) == len(SIGNALS)
     where = samples["scheduled_ns"] // length_ns
     begun = np.unique(where)
-    # a bucket is finished when a later one begins, on this level and on each one below
+    # a bucket is finished when a later one begins, at this level and at each finer level
     finished = begun[begun <= piece.number[-1]]
     assert begun.size - 1 - (level + 1) <= finished.size < begun.size
     assert np.array_equal(piece.number, finished[-KEPT:])

@@ -1,4 +1,4 @@
-"""How fast passwords can be guessed, in an injected time."""
+"""Limit how fast passwords can be guessed; the time is injected."""
 
 import pytest
 from hypothesis import given
@@ -8,7 +8,7 @@ from dehyst.daemon.page.guesses import EACH_S, FREE, MOST_ADDRESSES, NS, Guesses
 
 
 def guess(guesses: Guesses, address: str, now_ns: int) -> bool:
-    """A wrong guess, where one is looked at."""
+    """Make a wrong guess; return whether it was checked or had to wait."""
     if guesses.wait_s(address, now_ns) > 0:
         return False
     guesses.wrong(address, now_ns)
@@ -50,7 +50,7 @@ def test_one_address_does_not_wait_for_another() -> None:
     ("one", "other", "same"),
     [
         ("192.0.2.1", "192.0.2.2", False),
-        ("2001:db8::1", "2001:db8::ffff:1", True),  # one household has all of a /64
+        ("2001:db8::1", "2001:db8::ffff:1", True),  # one household owns a whole /64
         ("2001:db8:0:1::1", "2001:db8:0:2::1", False),
         ("::ffff:192.0.2.1", "192.0.2.1", True),
         ("fe80::1%eth0", "fe80::2%eth1", True),

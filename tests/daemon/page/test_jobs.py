@@ -1,4 +1,4 @@
-"""A look at a trajectory of several axes, in this process."""
+"""Check a trajectory of several axes, in this process."""
 
 from functools import cache
 from pathlib import Path
@@ -17,7 +17,7 @@ CIRCLE = 4.0 + np.sin(2 * np.pi * T_S), 4.5 + np.cos(2 * np.pi * T_S)
 
 @cache
 def axes() -> dict[str, Setting]:
-    """One stage three times."""
+    """Return the settings of three axes, all of the same stage."""
     setting = Setting(
         model=model_text(), unit="um", origin=0.0, reach=(1.3, 10.0), low=0.0, high=95.0,
         slew=1000.0, mode="auto", preview_s=0.05, period_s=0.005,
@@ -39,7 +39,7 @@ def test_reach_and_slew_of_each_axis_are_seen(tmp_path: Path) -> None:
     assert (seen["outside"], seen["points"]) == (0.0, 100)
     of_y = seen["axes"]["y"]
     assert (of_y["least"], of_y["most"]) == pytest.approx((3.5, 5.5), abs=1e-3)
-    # about 6.3 um/s of some 0.1 um/V
+    # about 6.3 um/s at roughly 0.1 um/V
     assert 40.0 < of_y["fastest"] < 100.0
     assert all(one["too_fast"] == 0.0 for one in seen["axes"].values())
     np.testing.assert_allclose(np.load(tmp_path / "trajectory.npy"), [T_S, x, y], atol=1e-6)

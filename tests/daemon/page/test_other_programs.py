@@ -1,4 +1,4 @@
-"""Programs that are no browsers use the page's WebSocket; another site's page does not."""
+"""Programs other than browsers may use the page's WebSocket; a page of another site may not."""
 
 import json
 import re
@@ -66,7 +66,7 @@ def test_a_host_name_of_somebody_else_is_refused_without_origin_too(page: PagePr
 
 
 def node() -> list[str]:
-    """The command line of a Node.js that has WebSocket; else the test is skipped with a reason."""
+    """Return the command line of a Node.js with WebSocket, or skip the test and give the reason."""
     found = shutil.which("node")
     if found is None:
         pytest.skip("Node.js is not installed")

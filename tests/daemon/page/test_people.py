@@ -1,4 +1,4 @@
-"""Who is let in, by what they show and where they come from."""
+"""Access depends on the credentials shown and on the address they come from."""
 
 import base64
 from pathlib import Path

@@ -1,9 +1,9 @@
-"""How the page looks, in a real Chromium: on a telephone, a desk and a 4K screen, with one axis and
-with three, light and dark.
+"""The page's layout in a real Chromium: on a phone, a desktop and a 4K screen, with one axis and
+with three, in light and dark.
 
     DEHYST_PICTURES=docs python -m pytest -n 0 tests/daemon/page/test_pictures.py
 
-writes the pictures of docs/page.md and docs/doctor.md anew.
+rewrites the pictures of docs/page.md and docs/doctor.md.
 """
 
 import io
@@ -40,12 +40,12 @@ pytestmark = needs_chromium
 WRITTEN = os.environ.get("DEHYST_PICTURES", "")
 LARGEST_BYTES = 400_000
 SCREENS = {360: (780, 2.0), 1280: (900, 1.0), 3840: (2160, 1.0)}
-"""Height [px] and pixels a CSS pixel by width [px]."""
+"""Width [px] -> (height [px], device pixels per CSS pixel)."""
 
 
 @dataclass
 class Scene:
-    """A page before a stage that moves."""
+    """A page that shows a moving stage."""
 
     page: PageProcess
     axes: int
@@ -53,7 +53,7 @@ class Scene:
 
 
 def in_circles(play: Callable[[np.ndarray, list[np.ndarray]], Any], over: threading.Event) -> None:
-    """Play the same way again and again."""
+    """Play the same path repeatedly until `over` is set."""
     t_s = np.arange(0.0, 60.0, 0.02)
     rise = 0.5 - 0.5 * np.cos(np.pi * np.minimum(1.0, t_s / 2))
     ways = [
@@ -112,7 +112,7 @@ def window() -> Iterator[Chromium]:
 
 
 def show(window: Chromium, scene: Scene, width: int, dark: bool = False) -> int:
-    """The page on a screen of this width [px]; its height [px]."""
+    """Show the page on a screen of this width [px]; return the screen's height [px]."""
     height, dense = SCREENS[width]
     window.chrome.execute_cdp_cmd(
         "Emulation.setDeviceMetricsOverride",
@@ -123,7 +123,7 @@ def show(window: Chromium, scene: Scene, width: int, dark: bool = False) -> int:
         {"features": [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]},
     )
     window.chrome.get("about:blank")
-    window.complaints()  # about a page that has gone
+    window.complaints()  # drop the complaints of the previous page
     window.chrome.get(scene.page.url)
     window.until("it is connected", lambda: window.text("link") == "connected")
     window.until("its status", lambda: window.ask("dehystPage.status !== null"))
@@ -154,7 +154,7 @@ def test_the_most_used_comes_first_and_nothing_is_cut_or_half_empty(
     )
     assert window.ask(wide) == []
     cards = {card["name"]: card for card in window.ask(CARDS)}
-    for first in ("where the stage is", "command"):  # without scrolling
+    for first in ("where the stage is", "command"):  # visible without scrolling
         assert cards[first]["bottom"] <= height, first
     stop = window.ask("document.getElementById('stop').getBoundingClientRect().toJSON()")
     assert 0 <= stop["top"] < stop["bottom"] <= height
@@ -163,7 +163,7 @@ def test_the_most_used_comes_first_and_nothing_is_cut_or_half_empty(
     assert order == sorted(order)
     for name, card in cards.items():
         empty = (card["bottom"] - card["lowest"]) / (card["bottom"] - card["top"])
-        if name != "events":  # a list, which fills
+        if name != "events":  # a list that fills over time
             assert empty < 0.5, (name, card)
         for other in cards.values():
             if other is not card:
@@ -230,7 +230,7 @@ def test_arrows_move_the_axes_of_the_plane(window: Chromium, scene: Scene) -> No
 
 @pytest.mark.parametrize("width", SCREENS)
 def test_a_picture_can_be_taken(window: Chromium, scene: Scene, width: int, tmp_path: Path) -> None:
-    """And is kept in docs where that is asked for."""
+    """A screenshot of the page is not empty; with DEHYST_PICTURES it is written to docs."""
     dark = (scene.axes, width) in ((3, 360), (3, 3840))
     height = show(window, scene, width, dark)
     assert window.ask("document.documentElement.dataset.theme") == ("dark" if dark else "light")
@@ -251,13 +251,13 @@ def test_a_picture_can_be_taken(window: Chromium, scene: Scene, width: int, tmp_
 
 
 def keep(picture: Image.Image, path: Path) -> None:
-    """As a small file."""
+    """Save the picture as a small file."""
     picture.quantize(128, dither=Image.Dither.NONE).save(path, optimize=True)
     assert path.stat().st_size < LARGEST_BYTES
 
 
 def examined(folder: Path) -> DoctorReport:
-    """What the doctor says of a stage whose amplifier has become slow."""
+    """Return the doctor's report on a stage whose amplifier has become slow."""
     kept = cases.get_record(lay(folder, amplifier_tau_s=0.015), cases.CASE, Case)
     assert kept is not None
     name = time.strftime("mismatch-%Y%m%d-%H%M%S")

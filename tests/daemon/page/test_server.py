@@ -1,4 +1,4 @@
-"""The page's server against a real daemon on the simulated stage, asked as a browser would."""
+"""The page's server against a real daemon on the simulated stage, queried as a browser would."""
 
 import json
 import signal
@@ -33,7 +33,7 @@ def page(bench: Bench, tmp_path: Path) -> Iterator[PageProcess]:
 def page_of_module(
     bench_of_module: Bench, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[PageProcess]:
-    """What `shared_page` hands out."""
+    """The page that `shared_page` returns."""
     page = PageProcess(bench_of_module.address, log=tmp_path_factory.mktemp("page") / "page.txt")
     try:
         yield page
@@ -43,13 +43,13 @@ def page_of_module(
 
 @pytest.fixture
 def shared_page(page_of_module: PageProcess, shared: Bench) -> PageProcess:
-    """For tests that end neither bench nor page."""
+    """The page for tests that end neither bench nor page."""
     return page_of_module
 
 
 @pytest.fixture(scope="module")
 def still_bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    """One for all tests that move nothing and end nothing."""
+    """One bench for all tests that neither move nor end anything."""
     with started_bench(tmp_path_factory.mktemp("still")) as bench:
         yield bench
 
@@ -67,7 +67,7 @@ def still_page(
 
 
 def looking(page: PageProcess, cookie: str = "") -> Browser:
-    """A browser that sees the controller."""
+    """Return a browser that has found the controller and receives its status."""
     browser = Browser(page, cookie)
     browser.until("it is found", lambda: "bench" in browser.said["controllers"]["names"]
                   if "controllers" in browser.said else False)  # fmt: skip
@@ -79,7 +79,7 @@ def looking(page: PageProcess, cookie: str = "") -> Browser:
 
 
 def followed(bench: Bench, um: float) -> bool:
-    """The loop's own record has this target."""
+    """Return whether the newest sample of the loop's own record has this target."""
     return bool(bench.loop.samples(bench.loop.seq - 1)[-1]["target"] == um)
 
 
@@ -127,7 +127,7 @@ def test_a_set_point_is_kept_and_a_stop_stops(shared: Bench, shared_page: PagePr
     wait_until("it stays so", lambda: shared.loop.seq > begun + 300)
     assert shared.loop.state is State.READY
 
-    def reported() -> bool:  # events of tests before it are older
+    def reported() -> bool:  # events of earlier tests are older
         return any(e["code"] == "holding" and e["wall_s"] > begun_s for e in browser.events())
 
     browser.until("the event", reported)
@@ -190,7 +190,7 @@ def test_what_is_not_understood_is_said_and_nothing_else_happens(
         browser.socket.send(text)
         browser.until("it is said", lambda n=number: len(browser.texts()) == n)  # type: ignore[misc]
     assert set(still_bench.loop.commands["kind"][begun:]) <= {LoopCommand.TRUST}
-    browser.ask("stop")  # it goes on
+    browser.ask("stop")  # the connection still works
     browser.until("stopped", lambda: "stopped" in browser.texts()[-1])
     browser.close()
 
@@ -213,7 +213,7 @@ HERE = 'controller="bench"'
 
 
 def exposed(page: PageProcess) -> dict[str, float]:
-    """What Prometheus gets."""
+    """Return the metrics that Prometheus reads, by name."""
     lines = page.http.get("/metrics").text.splitlines()
     return {k: float(v) for k, _, v in (x.rpartition(" ") for x in lines if x[0] != "#")}
 
@@ -303,7 +303,7 @@ def test_a_preview_is_played_where_it_was_made(shared: Bench, tmp_path: Path) ->
         rows = "".join(f"{t / 100},{4 + t / 100}\n" for t in range(100))
         job: dict[str, str] = {}
 
-        def taken() -> bool:  # once the model is known
+        def taken() -> bool:  # accepted once the model is known
             asked = page.post(
                 "/upload/trajectory?controller=bench&file=a.csv", content=f"t_s,target_um\n{rows}"
             )
@@ -366,7 +366,7 @@ def test_with_passwords_nothing_without_one_and_an_observer_cannot_command(
             observer.until("refused", lambda n=reported: len(observer.texts()) > n)  # type: ignore[misc]
             assert "observer may view" in observer.texts()[-1]
         later = shared.loop.commands["kind"][begun:]
-        assert set(later) <= {LoopCommand.TRUST}  # the mismatch watch's own
+        assert set(later) <= {LoopCommand.TRUST}  # sent by the mismatch watch, not by the page
         page.http.cookies.set("dehyst", cookie)
         refused = page.post("/upload/identify", content=b"x")
         page.http.cookies.clear()
@@ -385,7 +385,7 @@ def test_with_passwords_nothing_without_one_and_an_observer_cannot_command(
 
 
 def log_in(page: PageProcess, name: str, password: str) -> str:
-    """The session's cookie."""
+    """Log in; return the session's cookie."""
     answer = page.post("/login", content=json.dumps({"name": name, "password": password}))
     assert answer.status_code == 200
     said = answer.headers["set-cookie"].lower()
@@ -443,14 +443,14 @@ def test_a_trajectory_is_looked_at_before_it_is_played(shared_page: PageProcess)
     assert "<" not in fits["file"]
     found = fits["result"]
     assert (found["points"], found["outside"], found["too_fast"]) == (400, 0.0, 0.0)
-    # 2 um at 1 Hz on a stage of about 0.1 um a volt, at most 9 to 12 V a um
+    # 2 um at 1 Hz on a stage of about 0.1 um/V, at most 9 to 12 V/um
     assert 2 * np.pi * 2 * 8 < found["fastest"] < 2 * np.pi * 2 * 14
     browser.ask("play", job=fits["number"])
     browser.until("played", lambda: any("played to the end" in t for t in browser.texts()))
     high = looked_at(5.0, 30.0, 1.0)
     share = high["result"]["outside"]
     reach = browser.said["status"]["status"]["reach_max"]
-    # of a cosine between 5 and 30: arccos(1 - 2 (reach - 5) / 25) of pi is inside
+    # of a cosine between 5 and 30 um, the share arccos(1 - 2 (reach - 5) / 25) / pi is in reach
     assert share == pytest.approx(1 - np.arccos(1 - 2 * (reach - 5) / 25) / np.pi, abs=0.02)
     browser.ask("play", job=high["number"])
     browser.until("refused", lambda: any("leaves the reach" in t for t in browser.texts()))
@@ -543,7 +543,7 @@ def test_all_axes_of_a_controller_their_path_and_one_stop(tmp_path: Path) -> Non
         for axis, loop in axes.loops.items():
             wait_until(f"{axis} is stopped", lambda one=loop, n=before[axis]: one.commands.size > n)
             assert LoopCommand.STOP_MOTION in loop.commands["kind"][before[axis] :]
-        group.close()  # who commanded until now
+        group.close()  # the group commanded until now
         for axis, value in (("x", 4.0), ("y", 5.5)):
             browser.ask("go", name=f"stage-1-{axis}", value=value, seconds=60)
         targets = lambda: [one["target"] for one in browser.said["axes"]["axes"]]  # noqa: E731
@@ -551,7 +551,7 @@ def test_all_axes_of_a_controller_their_path_and_one_stop(tmp_path: Path) -> Non
         browser.ask("hold", seconds=60, everywhere=True)
         browser.ask("go", name="stage-9-x", value=4.0, seconds=60)
         browser.until("no such axis", lambda: "stage-9-x is not an axis" in str(browser.texts()))
-        # a trajectory of both: looked at for each axis, played on the same samples
+        # a trajectory of both axes is checked for each axis and played on the same samples
         t_s = np.arange(0.0, 1.0, 0.01)
         circle = [4.0 + np.sin(2 * np.pi * t_s), 4.5 + np.cos(2 * np.pi * t_s)]
         rows = "\n".join(f"{t:.3f},{x:.6f},{y:.6f}" for t, x, y in zip(t_s, *circle, strict=True))
@@ -568,7 +568,7 @@ def test_all_axes_of_a_controller_their_path_and_one_stop(tmp_path: Path) -> Non
             int((loop.commands["kind"] == LoopCommand.POINT).sum()) for loop in axes.loops.values()
         ]
         assert points() == [0, 0]
-        browser.ask("play", job=number)  # its own set-points give way
+        browser.ask("play", job=number)  # the page's own set-points end
         browser.until("it was played", lambda: "played to the end" in str(browser.texts()))
         assert points() == [100, 100]
         browser.close()

@@ -1,5 +1,5 @@
-"""What strangers do to the page's server costs nobody else anything. Addresses 127.0.0.x are
-other people's."""
+"""Whatever a stranger does to the page's server, other users are still served. Addresses 127.0.0.x
+stand for other people's computers."""
 
 import asyncio
 import base64
@@ -40,7 +40,7 @@ def page(bench: Bench, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pag
 
 @pytest.fixture
 def closed_page(bench: Bench, tmp_path: Path) -> Iterator[PageProcess]:
-    """One that asks for passwords."""
+    """A page that requires passwords."""
     (tmp_path / "passwords").write_text("alice:correct horse\nbob:battery staple\n")
     (tmp_path / "passwords").chmod(0o600)
     given = ("--passwords", str(tmp_path / "passwords"), "--operators", "alice")
@@ -48,7 +48,7 @@ def closed_page(bench: Bench, tmp_path: Path) -> Iterator[PageProcess]:
 
 
 def served(bench: Bench, folder: Path, *given: str) -> Iterator[PageProcess]:
-    """A page that ends without a traceback, whatever was done to it."""
+    """Serve a page that must end without a traceback, whatever was done to it."""
     page = PageProcess(bench.address, *given, log=folder / "page.txt")
     try:
         yield page
@@ -58,7 +58,7 @@ def served(bench: Bench, folder: Path, *given: str) -> Iterator[PageProcess]:
 
 
 def client(page: PageProcess, source: str) -> httpx.Client:
-    """Somebody at another address."""
+    """Return an HTTP client that connects from this source address."""
     transport = httpx.HTTPTransport(local_address=source)
     return httpx.Client(base_url=page.url, transport=transport, headers={"origin": page.url})
 
@@ -105,10 +105,10 @@ def test_guesses_are_slow_whichever_way_and_nobody_else_waits(
         looked_at = answers.count(401)
         assert set(answers) == {401, 429}
         assert looked_at <= FREE + 1 + (time.monotonic() - began) / 10.0
-        for other in WAYS:  # one way slows them all
+        for other in WAYS:  # guesses by one method slow down all methods
             assert other(guesser, 1) == 429
         right = guesser.post("/login", json={"name": RIGHT[0], "password": RIGHT[1]})
-        assert right.status_code == 429  # looked at, it would say whether it is right
+        assert right.status_code == 429  # checking it would reveal whether the password is right
         assert 1 <= int(right.headers["retry-after"]) <= 10
         assert "127.0.0.2" in right.text
         assert alice.get("/metrics", auth=RIGHT).status_code == 200
@@ -223,7 +223,7 @@ def test_silent_connections_before_tls_cost_nobody_anything(bench: Bench, tmp_pa
 
 
 def is_open(one: socket.socket) -> bool:
-    """Whether the server has left this connection open."""
+    """Return whether the server has left this connection open."""
     one.setblocking(False)
     try:
         return one.recv(1 << 16) != b""
@@ -261,7 +261,7 @@ def test_who_answers_no_ping_is_ended(page: PageProcess) -> None:
         return sum(held in row.split()[1] + " " and row.split()[3] == "01" for row in rows)
 
     until(lambda: served_ones() >= 4, PATIENCE_S, "they are served")
-    until(lambda: served_ones() <= 1, 60.0, "they are ended")  # but for the fixture's own
+    until(lambda: served_ones() <= 1, 60.0, "they are ended")  # except the fixture's own
     for one in raw:
         one.close()
 

@@ -1,4 +1,4 @@
-"""The path in the plane: points of the same moment, whatever was lost."""
+"""The path in the plane: each point joins samples of the same moment, whatever was lost."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -9,7 +9,7 @@ from dehyst.daemon.rings.records import TELEMETRY
 
 
 def telemetry(first: int, count: int, period_ns: int) -> np.ndarray:
-    """Samples whose target is the time in s and whose reading is twice that."""
+    """Return samples whose target is the time in s and whose reading is twice that."""
     out = np.zeros(count, TELEMETRY)
     out["scheduled_ns"] = period_ns * np.arange(first, first + count)
     out["target"] = 1e-9 * out["scheduled_ns"]

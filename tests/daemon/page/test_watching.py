@@ -1,4 +1,4 @@
-"""What the page keeps of a controller's status."""
+"""What the page derives from a controller's status."""
 
 from collections import deque
 
@@ -17,7 +17,7 @@ GATEWAY = GatewayStatus(
 
 
 def status(wall_s: float, health: float) -> Status:
-    """As a gateway tells it; 0 s: its loop has said nothing yet."""
+    """Return a status as the gateway sends it; wall_s = 0: the loop has not reported yet."""
     record = np.zeros(1, STATUS)[0]
     record["wall_ns"] = round(wall_s * 1e9)
     return status_message(record, "stage", 1, True, msgspec.structs.replace(GATEWAY, health=health))

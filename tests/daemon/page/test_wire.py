@@ -1,4 +1,4 @@
-"""What a browser may say: whatever else comes is refused in words."""
+"""Messages from a browser: each one is either understood or refused with a reason."""
 
 import json
 from contextlib import suppress
