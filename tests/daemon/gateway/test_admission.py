@@ -1,4 +1,5 @@
-"""What is let through to the loop, on a simulated clock; a brute-force queue as the reference."""
+"""The commands that the gate lets through to the loop, on a simulated clock; a brute-force queue is
+the reference."""
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ def test_bad_setpoints_are_refused_with_the_reason(gate: Gate, change: dict, cod
     assert reply.code == code
     assert reply.text
     assert gate.gate.rejected == {code: 1}
-    assert gate.setpoint(0).ok  # and the next good one is taken
+    assert gate.setpoint(0).ok  # the next good one is accepted
 
 
 def test_unreachable_may_be_allowed_but_nan_never(gate: Gate) -> None:
@@ -62,7 +63,8 @@ def test_only_ascending_sequences_pass(sequence: list[int]) -> None:
 
 
 def test_who_is_late_is_there_all_the_same(gate: Gate) -> None:
-    """A link so full that everything comes late: refused, but nobody else takes the lease."""
+    """A full link delays every command: they are refused, but no other client can take the
+    lease."""
     gate.request(1, "acquire")
     for sequence in range(1, 6):
         gate.now += 2 * S
@@ -83,7 +85,7 @@ def test_late_setpoints_are_refused_whatever_the_clients_clock_says(gate: Gate) 
 def test_a_recorded_setpoint_is_worth_nothing_under_the_next_lease(gate: Gate) -> None:
     old_lease, sent = gate.leases[1], gate.sent(1)
     assert gate.setpoint(5, sent_ns=sent).ok
-    assert gate.setpoint(5, sent_ns=sent).code == "old"  # replayed at once
+    assert gate.setpoint(5, sent_ns=sent).code == "old"  # replayed immediately
     assert gate.request(1, "acquire").ok
     assert gate.setpoint(99, lease=old_lease).code == "no-lease"
 
@@ -199,7 +201,7 @@ def test_chunks_in_order_pass_and_repeated_ones_do_nothing(gate: Gate) -> None:
 )
 def test_bad_chunks_are_refused(gate: Gate, times: list, values: list, code: str) -> None:
     assert gate.chunk(0, np.array(times), np.array(values, float)).code == code
-    assert gate.chunk(0, grid(0, 0.1)).ok  # the trajectory can still begin
+    assert gate.chunk(0, grid(0, 0.1)).ok  # a trajectory can still begin
 
 
 def test_a_chunk_in_the_midst_of_nothing_is_refused(gate: Gate) -> None:
@@ -215,8 +217,8 @@ def test_a_chunk_must_begin_after_the_one_before(gate: Gate) -> None:
 @settings(max_examples=50)
 @given(st.lists(st.tuples(st.floats(0.05, 3.0), st.booleans()), min_size=1, max_size=40))
 def test_the_queue_never_holds_more_than_configured(steps: list[tuple[float, bool]]) -> None:
-    """Chunks of random length at random times, against a queue that is simply simulated: the loop
-    plays from the first chunk on and reports now and then."""
+    """Chunks of random length arrive at random times; the reference queue is simulated directly:
+    the loop plays from the first chunk on and reports now and then."""
     gate = Gate()
     gate.request(1, "acquire")
     core, sent_s, begun, index = gate.gate.core, 0.0, 0, 0
@@ -245,7 +247,7 @@ def test_a_new_gateway_goes_on_where_the_old_one_was_killed(gate: Gate) -> None:
     fresh.gate.resume(newest)
     fresh.request(1, "acquire")
     fresh.gate.core.queue_s = 0.1
-    assert fresh.chunk(0, grid(0, 0.1)).code == "duplicate"  # its answer had been lost
+    assert fresh.chunk(0, grid(0, 0.1)).code == "duplicate"  # the client never got the answer
     assert fresh.chunk(1, grid(0.1, 0.1)).ok
     again = Gate()
     again.gate.resume(newest)

@@ -1,4 +1,5 @@
-"""What is laid before the doctor when the stage changes: by the real watch, on made telemetry."""
+"""The case that the mismatch watch keeps for the doctor when the stage changes: the real watch, on
+simulated telemetry."""
 
 from pathlib import Path
 
@@ -31,7 +32,7 @@ NOISE = 0.01
 
 
 class Once:
-    """A stop that comes when nothing is left to be judged."""
+    """A stop event whose wait ends the watch once no batch is left to judge."""
 
     def __init__(self, watch: MismatchWatch) -> None:
         self.watch = watch
@@ -44,7 +45,8 @@ class Once:
 
 
 def telemetry() -> np.ndarray:
-    """A stage that follows its model, and from CHANGED_S on moves a twentieth further."""
+    """Return telemetry of a stage that follows its model and from CHANGED_S on moves 5 %
+    further."""
     k = np.arange(round(SECONDS * RATE_HZ))
     t = k / RATE_HZ
     drive = 5.0 + 3.0 * np.sin(2 * np.pi * 0.7 * t) + 1.5 * np.sin(2 * np.pi * 0.31 * t)
@@ -76,7 +78,7 @@ def test_a_change_becomes_a_case_with_the_last_good_recording_and_what_came_late
     (folder,) = cases.case_folders(config.watch_directory)
     case = cases.get_record(folder, cases.CASE, Case)
     assert case is not None
-    assert case.high == 10.0  # 75 V by the gain of 7.5
+    assert case.high == 10.0  # 75 V divided by the gain of 7.5
     assert load_model(folder / cases.IN_USE).displacement_unit == "um"
     good, flagged, later = (
         read_recording(folder / name, need_displacement=True)

@@ -15,7 +15,7 @@ from dehyst.daemon.rings.records import State
 
 
 class Stand:
-    """In place of the bus and of the loop: keeps what the intake passes on."""
+    """Stands in for the bus and the loop; keeps what the intake passes on."""
 
     room = 65536
 
@@ -26,7 +26,7 @@ class Stand:
         return self
 
     def put(self, _payload: bytes) -> None:
-        """A refusal."""
+        """Ignore a refusal."""
 
     def push(self, records: np.ndarray) -> None:
         self.values += records["value"].tolist()
@@ -49,7 +49,7 @@ def test_of_a_flood_the_newest_of_each_sender_is_looked_at() -> None:
         )  # fmt: skip
         intake.put(door, f"dehyst/@v1/a/pubsub/setpoint_um/{client}", encoding.encode(message))
 
-    for i in range(CROWD):  # few: each is looked at
+    for i in range(CROWD):  # few: each one is handled
         put(1, i + 1)
     while intake._take_one_each():
         pass

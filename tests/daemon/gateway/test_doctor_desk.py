@@ -1,7 +1,7 @@
-"""An offer from the doctor's folder to the loop and back: real loop, real gateway, real client.
+"""The way of a doctor's offer to the loop and back, with a real loop, gateway and client.
 
-The cases are laid by hand, so that the offers can be right and wrong: the configured model moves
-too far by a fifth, one offer is worse still, the other one is the stage's own model.
+The cases are written by hand, so that offers can be right or wrong: the configured model moves a
+fifth too far, one offer is worse still, the other one is the stage's own model.
 """
 
 import time
@@ -28,13 +28,13 @@ SETTINGS = "[watch]\nlearn_s = 3600.0\n[doctor]\ntrial_s = 2.0\n"
 
 
 def scaled(by: float) -> Model:
-    """The stage's own model with another gain."""
+    """Return the stage's own model with another gain."""
     model = kept_model()
     return replace(model, hysteresis=replace(model.hysteresis, c=model.hysteresis.c * by))
 
 
 def lay_case(bench: Bench, name: str, number: int, offered: Model, promise: float) -> Path:
-    """What gateway and doctor would leave behind."""
+    """Write a case as gateway and doctor would leave it; return its folder."""
     folder = bench.config.watch_directory / f"mismatch-{name}.case"
     (folder / cases.FOUND).mkdir(parents=True)
     save_model(load_model(bench.config.model.file), folder / cases.IN_USE)
@@ -56,7 +56,7 @@ def lay_case(bench: Bench, name: str, number: int, offered: Model, promise: floa
 
 @pytest.fixture
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    folder = tmp_path_factory.mktemp("doctor")  # an own one for every attempt
+    folder = tmp_path_factory.mktemp("doctor")  # a new folder for every attempt
     bench = Bench(folder, start=False)
     save_model(scaled(1.2), folder / "model.toml")
     bench.path.write_text(bench.path.read_text() + SETTINGS)
@@ -73,7 +73,8 @@ def state(client: Client, number: int) -> str:
 
 
 def move_until(client: Client, number: int, wanted: tuple[str, ...]) -> str:
-    """Move the stage to and fro until the offer's state is one of these."""
+    """Move the stage back and forth until the offer is in one of the wanted states; return that
+    state."""
     for k in range(1200):
         client.send(6.5 + 2.5 * np.sin(2 * np.pi * 0.5 * k * 0.05))
         time.sleep(0.05)
@@ -98,15 +99,15 @@ def test_an_offer_is_put_to_work_on_trial_and_goes_back_or_stays(bench: Bench) -
     with pytest.raises(Refusal, match="no such offer"):
         client.decide_offer("accept", 12)
 
-    for k in range(60):  # what the error was before
+    for k in range(60):  # gives the error of the model before the trial
         client.send(6.5 + 2.5 * np.sin(2 * np.pi * 0.5 * k * 0.05))
         time.sleep(0.05)
     first = bench.loop.seq
-    hears.decide_offer("accept", 11)  # somebody else commands the stage meanwhile
+    hears.decide_offer("accept", 11)  # another client accepts while `client` commands
     assert move_until(client, 11, ("trial",)) == "trial"
     with pytest.raises(Refusal, match="already on trial"):
         hears.decide_offer("accept", 11)
-    for number in (12, 13):  # meanwhile the newest waits; it is about the model before
+    for number in (12, 13):  # the newest offer waits; it was made for the model before the trial
         lay_case(bench, str(number), number, scaled(1.0), promise=0.05)
         wait_until("another offer", lambda n=number: state(client, n) == "found")
         hears.decide_offer("accept", number)
@@ -125,7 +126,7 @@ def test_an_offer_is_put_to_work_on_trial_and_goes_back_or_stays(bench: Bench) -
     hears.decide_offer("accept", 22)
     assert move_until(client, 22, ("accepted", "returned")) == "accepted"
     samples = bench.loop.samples(first)
-    # ramps of the set-points included: no step is more than the slew limit's over the time it had
+    # no step exceeds the slew limit times its duration, ramps to the set-points included
     steps = np.abs(np.diff(samples["volts"]))
     times = np.diff(samples["actual_ns"]) * 1e-9
     assert np.all(steps <= SLEW_V * np.maximum(times, 0.005) * 1.5 + 1e-9)
@@ -136,7 +137,7 @@ def test_an_offer_is_put_to_work_on_trial_and_goes_back_or_stays(bench: Bench) -
     assert [e.text for e in feed.events if "previous model is restored" in e.text]
 
     client.send(6.5)
-    hears.decide_offer("reject", 22)  # what is at work makes way
+    hears.decide_offer("reject", 22)  # rejecting the model in use restores the previous one
     wait_until("rejected", lambda: state(client, 22) == "rejected")
     wait_until("the configured model is back", lambda: dumps(client.model()) == before)
     assert (folder / cases.DECIDED).exists()

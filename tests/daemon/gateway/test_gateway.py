@@ -21,7 +21,7 @@ from dehyst.daemon.rings.records import LoopCommand, State
 
 
 def collect(client: Client, count: int) -> np.ndarray:
-    """So many samples, or a few more."""
+    """Return at least `count` samples."""
     stream, parts = client.stream(), []
     end = time.monotonic() + 60.0
     while sum(p.size for p in parts) < count:
@@ -52,7 +52,8 @@ def test_setpoints_asked_and_put_reach_the_loop(shared: Bench) -> None:
     client.send(3.0)
 
     def there(target: float) -> bool:
-        """At some time the set-point was followed, to where the model has its target."""
+        """Return whether the loop has followed this target and the model predicted that it was
+        reached."""
         heard = client.history(10.0)
         heard = heard[heard["seq"] >= begun]
         return bool(np.any((heard["target"] == target) & (abs(heard["predicted"] - target) < 1e-3)))
@@ -63,7 +64,7 @@ def test_setpoints_asked_and_put_reach_the_loop(shared: Bench) -> None:
     wait_until("the last one holds", lambda: there(5.0))
 
     def runs() -> bool:
-        client.put(5.0)  # again, before it is older than a second
+        client.put(5.0)  # repeated before it is a second old
         status = client.status()
         return status.state == "running" and status.gateway.lease_client == client.client
 
@@ -84,7 +85,7 @@ def test_questions_are_answered(shared: Bench) -> None:
     assert model.displacement_unit == "um"
     assert np.array_equal(model.hysteresis.b, load_model(shared.config.model.file).hysteresis.b)
     status = client.status()
-    assert 0.0 < status.reach_min < 2.0  # after a way up the stage does not come back to 0 at 0 V
+    assert 0.0 < status.reach_min < 2.0  # after moving up, 0 V does not bring it back to 0 um
     assert 9.0 < status.reach_max < 14.0
     assert status.gateway.pid == (shared.gateway.pid if shared.gateway else 0)
 
@@ -102,8 +103,8 @@ def test_whatever_is_put_or_asked_the_gateway_goes_on(shared: Bench) -> None:
         b"\x91" * 10_000,
         os.urandom(5000),
         b"\x00" * 10_000_000,
-        encoding.encode(good),  # no lease
-        encoding.encode(request),  # may only be asked
+        encoding.encode(good),  # without a valid lease
+        encoding.encode(request),  # must be sent as a query
     ]
     with Bus.connect([shared.address]) as raw:
         sender = raw.sender(key, topics.SETPOINT)
@@ -165,7 +166,7 @@ def test_one_commands_and_the_other_is_reported(shared: Bench) -> None:
     second.send(3.0)
     with pytest.raises(Refusal, match="the second commands"):
         first.send(2.0)
-    second.close()  # gives it up
+    second.close()  # gives up the lease
     first.send(4.0)
     wait_until("silence ends the lease", lambda: first.status().gateway.lease_client == 0)
 
@@ -188,10 +189,10 @@ def test_kill_the_gateway_and_nobody_loses_a_sample(shared: Bench) -> None:
     seq = np.concatenate(samples)["seq"]
     assert np.all(np.diff(seq) == 1)
     assert stream.lost == 0
-    client.send(3.0)  # takes the lease anew
+    client.send(3.0)  # acquires the lease again
 
 
-@pytest.mark.timing  # the client has 10 s of patience, and the gateway must be back by then
+@pytest.mark.timing  # the client retries for 10 s; the gateway must be back by then
 def test_a_trajectory_survives_a_killed_gateway(bench: Bench) -> None:
     client = bench.client()
     t_s = np.arange(0.0, 8.0, 0.005)
@@ -201,7 +202,7 @@ def test_a_trajectory_survives_a_killed_gateway(bench: Bench) -> None:
     def again() -> None:
         bench.kill_gateway()
         bench.start_gateway()
-        over.wait()  # it ends with the thread that started it: PR_SET_PDEATHSIG, prctl(2)
+        over.wait()  # the gateway dies with the thread that started it: PR_SET_PDEATHSIG, prctl(2)
 
     def progress(at_s: float, _total_s: float) -> None:
         if at_s > 0.5 and not killing:
@@ -218,7 +219,7 @@ def test_a_trajectory_survives_a_killed_gateway(bench: Bench) -> None:
     assert played.tracking.samples == played.tracking.expected
     assert played.lost == 0
     points = bench.loop.commands[bench.loop.commands["kind"] == LoopCommand.POINT]
-    assert np.all(np.diff(points["offset_ns"]) > 0)  # nothing was sent twice
+    assert np.all(np.diff(points["offset_ns"]) > 0)  # no point was passed on twice
     assert points.size == t_s.size
     assert np.allclose(points["value"], 5.0 + 3.0 * np.sin(2 * np.pi * t_s))
 

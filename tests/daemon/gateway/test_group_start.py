@@ -1,4 +1,4 @@
-"""The start of a trajectory of several axes, on a simulated clock: on all, or on none."""
+"""A trajectory of several axes starts on all axes or on none; on a simulated clock."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ AXES = ("x", "y", "z")
 
 
 class Start:
-    """Three gates, all leased by client 1, and what reached each loop."""
+    """Three gates, all leased by client 1, and the number of points that reached each loop."""
 
     def __init__(self) -> None:
         self.gates, self.starts = {axis: Gate() for axis in AXES}, GroupStarts()
@@ -70,7 +70,7 @@ def test_nothing_is_passed_on_until_all_are_here_and_then_all_is(start: Start) -
     assert start.passed == {"x": 0, "y": 0, "z": 0}
     assert start.chunk("y").ok
     assert start.passed == {"x": 100, "y": 100, "z": 100}
-    assert start.chunk("x").code == "duplicate"  # sent again, since its answer was lost
+    assert start.chunk("x").code == "duplicate"  # sent again, because the answer was lost
     assert start.chunk("x", 1).ok
     assert start.passed == {"x": 200, "y": 100, "z": 100}
 
@@ -99,7 +99,7 @@ def test_what_one_axis_refuses_is_played_by_none(start: Start, more: dict, code:
     assert refused.code == code
     assert "no axis has started" in refused.text
     for axis in "xyz":
-        again = start.chunk(axis)  # also what would be good by itself
+        again = start.chunk(axis)  # even points that are valid by themselves
         assert again.code == "over"
         assert "y: " in again.text
     assert start.passed == {"x": 0, "y": 0, "z": 0}
@@ -130,7 +130,7 @@ def test_whose_first_points_do_not_come_is_reported(start: Start) -> None:
 
 def test_further_points_wait_until_all_have_begun(start: Start) -> None:
     start.chunk("x")
-    assert start.chunk("x", 1).code == "queue-full"  # which a client sends again
+    assert start.chunk("x", 1).code == "queue-full"  # the client sends it again
     start.chunk("y")
     start.chunk("z")
     assert start.chunk("x", 1).ok

@@ -62,7 +62,7 @@ def test_tracking_counts_the_trajectory_alone(batch: int, extra: int) -> None:
     samples = numbered(list(range(100 + extra)))
     samples["state"] = State.RUNNING
     samples["target"], samples["measured"] = rng.normal(size=(2, samples.size))
-    samples["flags"][10:20] = Flag.APPROACH  # before it: another set-point; then the trajectory
+    samples["flags"][10:20] = Flag.APPROACH  # another set-point before it, the trajectory after it
     samples["flags"][30:33] = Flag.UNREACHABLE | Flag.SLEW
     samples["measured"][40] = np.nan
     samples["flags"][41] = Flag.SENSOR_INVALID

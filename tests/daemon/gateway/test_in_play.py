@@ -1,4 +1,5 @@
-"""A trajectory that has begun is played on, whatever becomes of the model and of the gateway."""
+"""A trajectory that has begun is played to its end, even if the model changes or the gateway
+restarts."""
 
 from pathlib import Path
 
@@ -24,7 +25,7 @@ def kept() -> list[InPlay]:
 
 @pytest.fixture
 def gate(said: Said, kept: list[InPlay]) -> Gate:
-    """Holds the lease; the reach is -5 to 5."""
+    """A gate whose client 1 holds the lease; the reach is -5 to 5 um."""
     gate = Gate()
     gate.gate.report = lambda *event: said.append(event)
     gate.gate.keep = kept.append
@@ -45,13 +46,13 @@ def test_a_model_that_reaches_less_ends_no_trajectory(
     gate.gate.core.reachable = reach
     replies = [gate.chunk(**wave(k, 4.0, last=k == 5)) for k in range(1, 6)]
     assert [r.code for r in replies] == ["ok"] * 5
-    assert gate.records["value"][[0, -1]].tolist() == [-4.0, 4.0]  # nothing is clipped here
+    assert gate.records["value"][[0, -1]].tolist() == [-4.0, 4.0]  # the gateway does not clip
     values = np.linspace(-4.0, 4.0, 100)
     far = np.maximum(reach[0] - values, values - reach[1])
     assert [bool(r.text) for r in replies] == [True, False, False, False, False]
     assert f"{np.count_nonzero(far > 0)} points" in replies[0].text
     assert f"by up to {far.max():.3g} um" in replies[0].text
-    assert len(said) == 2  # as it begins, and in all
+    assert len(said) == 2  # one when it begins, one with the total
     assert f"{5 * np.count_nonzero(far > 0)} points" in said[1][2]
 
 
@@ -74,7 +75,7 @@ def test_a_new_trajectory_and_a_set_point_are_judged_by_the_reach_of_now(gate: G
     assert gate.chunk(**wave(0, 4.0)).ok
     gate.gate.core.reachable = (-3.0, 3.0)
     assert gate.chunk(**wave(0, 4.0, trajectory=10)).code == "unreachable"
-    assert gate.chunk(**wave(1, 4.0)).ok  # the one in play goes on
+    assert gate.chunk(**wave(1, 4.0)).ok  # the trajectory in play continues
     assert gate.setpoint(0, 4.0).code == "unreachable"
 
 

@@ -1,4 +1,5 @@
-"""Whether the process that made the rings still runs, whatever number stands in them."""
+"""The gateway recognises whether the process that made the rings still runs, whatever process id
+they contain."""
 
 import os
 from pathlib import Path
@@ -14,7 +15,7 @@ WORD = st.integers(-(2**63), 2**63 - 1)
 
 
 def attached(folder: Path) -> CoreRings:
-    """To rings that this process makes."""
+    """Return a reader attached to rings that this process made."""
     for name, dtype in LAYOUTS.items():
         Ring.create(folder / f"{name}.ring", dtype, 64)
     rings = CoreRings(folder)

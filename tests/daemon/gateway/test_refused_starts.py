@@ -1,4 +1,4 @@
-"""The note of the gateway's starts that came to nothing."""
+"""The file in which the gateway notes its failed starts."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""One gateway for three axes: real loops, real sessions, real clients."""
+"""One gateway for three axes, with real loops, real sessions and real clients."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -31,7 +31,7 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AxesBench]:
 
 @pytest.fixture
 def kinds(stage: AxesBench) -> Iterator[Kinds]:
-    """How many commands of a kind an axis was given since the test began."""
+    """Count the commands of a kind that an axis has received since the test began."""
     before = {axis: loop.commands.size for axis, loop in stage.loops.items()}
 
     def count(axis: str, kind: LoopCommand) -> int:
@@ -44,7 +44,7 @@ def kinds(stage: AxesBench) -> Iterator[Kinds]:
 
 
 def followed(stage: AxesBench, axis: str, first: int) -> np.ndarray:
-    """The samples of the newest trajectory since sample `first`, without the approach."""
+    """Return the samples of the newest trajectory since sample `first`, without the approach."""
     samples = stage.loops[axis].samples(first)
     return samples[np.flatnonzero((samples["flags"] & Flag.APPROACH) != 0)[-1] + 1 :]
 
@@ -83,7 +83,7 @@ def test_a_lease_is_for_all_that_are_asked_for_or_for_none(stage: AxesBench, kin
     with pytest.raises(Refusal, match="stage-1-y: the first commands this daemon") as refused:
         group.acquire()
     assert refused.value.code == "lease-taken"
-    assert other.status().gateway.lease_client == 0  # nothing is held back
+    assert other.status().gateway.lease_client == 0  # x was not leased either
     with pytest.raises(Refusal, match="stage-1-y: the first"):
         group.play([0.0, 0.1], {"x": [2.0, 3.0], "y": [2.0, 3.0]})
     assert kinds("x", LoopCommand.POINT) == kinds("y", LoopCommand.POINT) == 0
@@ -148,7 +148,8 @@ def test_they_start_on_the_same_sample_however_far_each_comes(
 
 
 def test_what_one_axis_refuses_moves_none(stage: AxesBench, kinds: Kinds) -> None:
-    """The gateway's own word, whatever the client has checked: x, whose points are good, stays."""
+    """The gateway itself refuses, whatever the client has checked: x, whose points are valid, does
+    not move either."""
     group = stage.group("xy")
     group.acquire()
     names, offsets = ["stage-1-x", "stage-1-y"], np.array([0, 5_000_000])
@@ -166,12 +167,13 @@ def test_what_one_axis_refuses_moves_none(stage: AxesBench, kinds: Kinds) -> Non
     volts = group["x"].history(0.2)["volts"]
     assert np.ptp(volts) == 0.0
     assert kinds("x", LoopCommand.POINT) == kinds("y", LoopCommand.POINT) == 0
-    played = group.play([0.0, 0.1], {"x": [4.0, 4.1], "y": [4.0, 4.1]})  # and the next one begins
+    played = group.play([0.0, 0.1], {"x": [4.0, 4.1], "y": [4.0, 4.1]})  # the next one can begin
     assert all(one.completed for one in played.values())
 
 
 def test_where_one_starves_all_stand_still_together(stage: AxesBench, kinds: Kinds) -> None:
-    """The chunks of y come late: x stops, waits and goes on with it, without a jump."""
+    """When the chunks of y come late, x stops, waits and continues together with y, without a
+    jump."""
     group = stage.group("xy")
     group.acquire()
     names, number = ["stage-1-x", "stage-1-y"], 4711
@@ -184,7 +186,7 @@ def test_where_one_starves_all_stand_still_together(stage: AxesBench, kinds: Kin
 
     send("x", 0, x, slice(0, 400), True)
     send("y", 0, y, slice(0, 200), False)
-    time.sleep(1.6)  # a second of y, and then it has none
+    time.sleep(1.6)  # y has points for one second, then none
     send("y", 1, y, slice(200, 400), True)
     done = lambda: all(c.status().trajectory_done for c in group.clients.values())  # noqa: E731
     wait_until("they are through", done)
@@ -195,12 +197,12 @@ def test_where_one_starves_all_stand_still_together(stage: AxesBench, kinds: Kin
     low = max(int(way["seq"][0]) for way in ways.values())
     high = min(int(way["seq"][-1]) for way in ways.values())
     at = {a: w["target"][(w["seq"] >= low) & (w["seq"] <= high)] for a, w in ways.items()}
-    assert np.abs(2.0 * (7.0 - at["y"]) - (at["x"] - 3.0)).max() < 1e-6  # one path, in the plane
+    assert np.abs(2.0 * (7.0 - at["y"]) - (at["x"] - 3.0)).max() < 1e-6  # one path in the plane
     x_way = ways["x"]
     steps, periods = np.diff(x_way["target"]), np.diff(x_way["scheduled_ns"]) / 5e6
-    assert (np.abs(steps) < 1e-9).sum() > 50  # it stood
-    assert np.all(steps < 0.01 * periods + 1e-9)  # and never jumped
-    assert at["x"].max() > 6.9  # and went through to the end
+    assert (np.abs(steps) < 1e-9).sum() > 50  # it stood still
+    assert np.all(steps < 0.01 * periods + 1e-9)  # it never jumped
+    assert at["x"].max() > 6.9  # it was played to the end
 
 
 def test_where_one_is_stopped_by_another_client_the_other_holds(
@@ -248,7 +250,7 @@ def test_the_gateway_may_be_killed_while_a_group_plays(stage: AxesBench, kinds: 
     assert killed
     for one in played.values():
         assert one.completed, one.reason
-    # where the new gateway came late they stood still, together
+    # if the new gateway came late, the axes stood still together
     ways = {axis: followed(stage, axis, first)[:1000] for axis in "xyz"}
     for samples in ways.values():
         assert np.array_equal(samples["scheduled_ns"], ways["x"]["scheduled_ns"])
@@ -263,8 +265,8 @@ def test_an_axis_that_cannot_play_it_keeps_the_others_still(stage: AxesBench, ki
 
 
 def test_the_roles_hold_at_every_axis(tmp_path: Path) -> None:
-    """One rule for each role, whatever the axis: the observer hears all and commands none, alone
-    or together."""
+    """A role is the same on every axis: the observer receives everything and commands nothing,
+    neither one axis nor several together."""
     passwords = tmp_path / "passwords"
     passwords.write_text("alice:correct horse\nbob:battery staple\n")
     for name, line in (("passwords", ""), ("alice", "correct horse"), ("bob", "battery staple")):

@@ -14,7 +14,7 @@ AXES = ("x", "y", "z")
 
 
 class Gates:
-    """Three gates, and requests for several of them by the clients 1 and 2."""
+    """Three gates, and requests for several of them by clients 1 and 2."""
 
     def __init__(self) -> None:
         self.gates = {axis: Gate() for axis in AXES}
@@ -55,7 +55,7 @@ def gates() -> Gates:
     ],
 )
 def test_a_lease_is_for_all_or_none_whatever_the_other_holds(mine: str, theirs: str) -> None:
-    """Brute force over the sets that two clients ask for."""
+    """Brute force over the sets of axes that two clients request."""
     gates = Gates()
     assert gates.ask(1, "acquire", mine).ok
     before = gates.holders()
@@ -70,7 +70,7 @@ def test_a_lease_is_for_all_or_none_whatever_the_other_holds(mine: str, theirs: 
         assert reply.code == "lease-taken"
         assert reply.text.startswith(f"{first}: c1 commands this daemon")
         assert gates.holders() == before
-        assert gates.gates[mine[0]].gate.lease.lease == gates.lease[1]  # the old number stands
+        assert gates.gates[mine[0]].gate.lease.lease == gates.lease[1]  # the old number stays valid
     assert gates.ask(2, "take-over", theirs).ok
     assert gates.holders() == [2 if a in theirs else 1 if a in mine else 0 for a in AXES]
 

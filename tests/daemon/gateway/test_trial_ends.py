@@ -1,5 +1,8 @@
-"""Every trial ends, however the stage is moved: the product's step, stage and trial in this process
-on a clock of samples; the old model moves too far by a fifth, offers are right or wrong."""
+"""Every trial of an offered model ends, however the stage is moved.
+
+The product's own step, stage and trial run in this process on a clock of samples. The old model
+moves a fifth too far; offers are right or wrong.
+"""
 
 import os
 import signal
@@ -40,7 +43,8 @@ doctor = {{trial_s = {trial_s}, trial_limit_s = {limit_s}}}
 
 
 def scaled(by: float, preview: bool = False) -> Model:
-    """The stage's own model with another gain; preview: with a small delay that asks for it."""
+    """Return the stage's own model with another gain; preview: with a small delay that requires a
+    preview inverse."""
     model = kept_model()
     model = replace(model, hysteresis=replace(model.hysteresis, c=model.hysteresis.c * by))
     late = Block("delay", "drive", {"delay_s": 0.0005})
@@ -48,7 +52,7 @@ def scaled(by: float, preview: bool = False) -> Model:
 
 
 class Story:
-    """One stage under an old model, and an offer."""
+    """A stage that runs with an old model, and an offered model."""
 
     def __init__(
         self, folder: Path, offered: Model, patch: pytest.MonkeyPatch, trial_s: float
@@ -76,11 +80,11 @@ class Story:
         return os.getpid(), self.folder / f"model-{model_digest(dumps(self.running))}.toml"
 
     def new_trial(self) -> ModelTrial:
-        """A gateway's, from nothing."""
+        """Return the trial of a gateway that has just started."""
         return ModelTrial(self.config, self.core, self.kept)
 
     def kept(self, first: int, end: int) -> np.ndarray:
-        """The samples with these numbers."""
+        """Return the samples with these numbers."""
         return np.array(self.rig.records[max(0, first) : end], TELEMETRY)
 
     def reload(self, *_: object) -> None:
@@ -94,7 +98,7 @@ class Story:
         self.trial.begin("mismatch-1", 1, case, tested)
 
     def look(self) -> bool:
-        """What the gateway does from time to time; True: the trial is over."""
+        """Do what the gateway does periodically; return whether the trial is over."""
         samples = np.array(self.rig.records[self._seen :], TELEMETRY)
         self._seen = len(self.rig.records)
         for first in range(0, samples.size, 20):
@@ -107,7 +111,7 @@ class Story:
         return self.over is not None
 
     def move(self, how: "Move", seconds: float) -> bool:
-        """Until the trial is over, or time is up."""
+        """Move until the trial is over or the time is up; return whether it is over."""
         end_s = self.now_s + seconds
         while self.now_s < end_s:
             how(self)
@@ -125,27 +129,27 @@ TURN = 6.5 + 2.5 * np.sin(2 * np.pi * np.arange(400) / 400)
 
 
 def set_points(story: Story) -> None:
-    """A sine by set-points, each for 0.05 s."""
+    """Follow a sine by set-points, each for 0.05 s."""
     story.rig.go(6.5 + 2.5 * np.sin(2 * np.pi * 0.5 * story.now_s), 0.05)
 
 
 def steps(story: Story) -> None:
-    """Large steps, each for 0.4 s: the slew limit holds them back."""
+    """Make large steps, each for 0.4 s; the slew limit delays them."""
     story.rig.go(float(np.random.default_rng(round(story.now_s * 100)).uniform(3.0, 10.0)), 0.4)
 
 
 def holds(story: Story) -> None:
-    """A place every 4 s."""
+    """Go to another position every 4 s."""
     story.rig.go(3.0 + 7.0 * (round(story.now_s / 4.0) % 3) / 2, 4.0)
 
 
 def raster(story: Story) -> None:
-    """A trajectory."""
+    """Play a trajectory."""
     story.play(TURN)
 
 
 def rest(story: Story) -> None:
-    """Nothing moves."""
+    """Keep the stage at rest."""
     story.rig.go(6.5, 1.0)
 
 
@@ -176,7 +180,7 @@ def test_a_trial_is_judged_however_the_stage_is_moved(
     assert one.move(move, LIMIT_S + 5.0)
     assert one.over is not None
     assert one.over[1] == state, one.over
-    assert one.now_s - begun_s < LIMIT_S  # on its motion, before its bound
+    assert one.now_s - begun_s < LIMIT_S  # decided by the motion, before the limit
     moved = np.array(one.rig.records, TELEMETRY)[-400:]
     if preview and move is set_points:
         assert np.all(moved["flags"] & int(Flag.FALLBACK))
@@ -205,7 +209,7 @@ def test_little_motion_is_settled_by_what_was_seen(
     one = story(scaled(by), 20.0)
     one.move(set_points, 6.0)
     one.offer()
-    one.move(set_points, 6.0)  # what settles, and then little of 20 s
+    one.move(set_points, 6.0)  # for the error to settle, then too little of the 20 s
     assert one.move(rest, LIMIT_S + 5.0)
     assert one.over is not None
     assert one.over[1] == state, one.over
@@ -230,7 +234,7 @@ def test_a_gateway_that_restarts_keeps_the_bound(story: Callable[..., Story]) ->
 
 @pytest.mark.parametrize("runs", [False, True])
 def test_a_loop_that_never_runs_it_ends_the_trial(story: Callable[..., Story], runs: bool) -> None:
-    """The old model is what runs afterwards."""
+    """If the loop never runs the offered model, the trial ends and the old model is used."""
     one = story(scaled(1.0))
     one.move(set_points, 1.0)
     one.offer()
@@ -248,7 +252,8 @@ def test_a_loop_that_never_runs_it_ends_the_trial(story: Callable[..., Story], r
 def test_an_error_that_passes_after_the_switch_does_not_end_it(
     story: Callable[..., Story],
 ) -> None:
-    """The state is led along a bounded past: what is older shows for a while, then is gone."""
+    """At the switch the state is computed from a bounded past: older motion causes an error that
+    decays and must not end the trial."""
     one = story(scaled(1.0))
     one.move(set_points, 6.0)
     one.offer()

@@ -1,5 +1,5 @@
-"""A model on trial is compared with the one before on the same samples: however little the stage is
-moved, and however else than before the switch."""
+"""A model on trial is compared with the previous one on the same samples, however little the stage
+is moved and however its motion differs from that before the switch."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -59,15 +59,15 @@ def test_the_tracking_of_steps_is_not_compared_with_that_of_a_raster(tmp_path: P
 
 
 def test_the_model_before_expects_what_the_loop_expected_of_it(rig: TrialRig) -> None:
-    """Led along the written voltage it says what the telemetry says, but for what it does not know
-    of the time before the samples that are kept."""
+    """Simulated along the written voltage, the previous model predicts what the telemetry contains,
+    except for a constant: it does not know the time before the samples that are kept."""
     rig.go(setpoints, 20.0)
     samples = np.array(rig.rig.records, TELEMETRY)[2000:]
     before = ModelBefore(rig.config, scaled(1.2), rig.history.get)
     found = np.concatenate([before.expect(samples[k : k + 50]) for k in range(0, 1000, 50)])
     off = found - samples["predicted"][:1000]
     assert np.ptp(off) < 1e-6
-    again = before.expect(samples[1400:1500])  # where samples were lost it is led anew
+    again = before.expect(samples[1400:1500])  # where samples were lost, it starts again
     assert np.ptp(np.r_[off, again - samples["predicted"][1400:1500]]) < 1e-6
 
 
@@ -83,7 +83,7 @@ def test_a_loop_that_runs_another_model_ends_the_trial_and_it_is_not_judged(rig:
     rig.offer(scaled(1.0, lag=True))
     rig.go_on(setpoints)
     assert rig.trial.look(rig.clock_ns) is None
-    save_model(scaled(1.1), rig.folder / "model.toml")  # the owner's word
+    save_model(scaled(1.1), rig.folder / "model.toml")  # replaced by its owner
     rig.reload_asked = True
     over = rig.until_over(setpoints, False, 30.0)
     assert over is not None

@@ -1,4 +1,4 @@
-"""The mismatch watch tells the loop whether stage and gauge are to be trusted."""
+"""The mismatch watch reports to the loop whether stage and gauge can be trusted."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from dehyst.models.hysteresis.forward import simulate_hysteresis
 
 
 class Endless:
-    """A stop that comes when nothing is left to be judged."""
+    """A stop event whose wait ends the watch once no batch is left to judge."""
 
     def __init__(self, watch: MismatchWatch) -> None:
         self.watch = watch
@@ -28,7 +28,7 @@ class Endless:
 
 
 def telemetry(first: int, seconds: float, stuck: bool) -> np.ndarray:
-    """A stage that moves as its model, and a gauge that shows it, or one reading for ever."""
+    """Return telemetry of a stage that moves as its model; the gauge follows it, or is stuck."""
     k = first + np.arange(round(seconds * 1e9 / PERIOD_NS))
     drive = 5.0 + 4.0 * np.sin(2 * np.pi * 0.7 * k * PERIOD_NS * 1e-9)
     records = np.zeros(k.size, TELEMETRY)
@@ -60,7 +60,8 @@ def test_a_stuck_gauge_is_distrusted_and_trusted_again(tmp_path: Path) -> None:
 
 
 def test_a_zero_that_was_moved_on_purpose_is_no_mismatch(tmp_path: Path) -> None:
-    """What was learned of the stage, and what is judged, are bit by bit those without the shift."""
+    """A shift of the gauge's zero changes neither what was learned nor what is judged: the watch's
+    figures agree with those without a shift."""
     save_model(model(), tmp_path / "model.toml")
     health = []
     for shift in (0.0, 3.0):

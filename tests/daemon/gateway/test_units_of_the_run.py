@@ -1,7 +1,7 @@
 """Unit, reach and model are those of the core that runs, in every order of restarts.
 
 Real core, real gateway, real client. The model in nm is the one in um with a thousand times the
-displacement: a set-point of 5 is off by that factor where the two are mixed up.
+displacement: if the two are confused, a set-point of 5 is off by that factor.
 """
 
 import signal
@@ -33,7 +33,7 @@ class Pair:
         self.use("um")
 
     def use(self, unit: str) -> None:
-        """Put the model and the sensor's scale of this unit into the files."""
+        """Write the model and the sensor's scale in this unit to the files."""
         model = kept_model()
         if unit == "nm":
             h = model.hysteresis
@@ -78,9 +78,10 @@ def pair(tmp_path: Path) -> Iterator[Pair]:
 
 
 def check(client: Client, unit: str) -> None:
-    """Everything that is said is in this unit; what comes in the other one is refused."""
+    """Check that everything is reported in this unit and that commands in the other one are
+    refused."""
     wait_until("the core is there", lambda: client.status().core_alive, 120.0)
-    client._unit = ""  # asked anew
+    client._unit = ""  # query it again
     status = client.status()
     stroke = {"um": 1.0, "nm": 1000.0}[unit]
     assert status.unit == unit
@@ -91,7 +92,7 @@ def check(client: Client, unit: str) -> None:
     assert stream.unit == unit
     stream.close()
     client.send(5.0 * stroke)
-    client._unit = {"um": "nm", "nm": "um"}[unit]  # a client that still knows the other run
+    client._unit = {"um": "nm", "nm": "um"}[unit]  # a client that still has the previous run's unit
     with pytest.raises(Refusal, match=f"takes '{unit}'"):
         client.send(5.0)
     client._unit = ""
@@ -114,7 +115,7 @@ def test_another_unit_after_a_stop(pair: Pair, first: str) -> None:
     over_ns = clock.wall_ns()
     pair.start(first)
     if first == "gateway":
-        with pair.client() as client:  # what is said meanwhile is the old run's, and it is gone
+        with pair.client() as client:  # until the core starts, the status is that of the old run
             assert not client.status().core_alive
             wait_until("the old rings", lambda: client.status().unit == "um", 30.0)
             assert all(event.wall_ns > over_ns for event in client.events())

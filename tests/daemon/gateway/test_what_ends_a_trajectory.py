@@ -1,4 +1,5 @@
-"""What is too old for the loop, and what ends a trajectory: each wall of the gate by itself."""
+"""Commands that are too old for the loop, and what ends a trajectory: each check of the gate by
+itself."""
 
 import numpy as np
 import pytest
@@ -67,7 +68,7 @@ def test_who_holds_no_lease_clears_nothing(gate: Gate) -> None:
 
 def test_a_trajectory_that_the_loop_has_left_is_not_taken_up_again(gate: Gate) -> None:
     assert gate.chunk(0, grid(0, 0.5)).ok
-    gate.gate.loop_says(9, running=True)  # still there
+    gate.gate.loop_says(9, running=True)  # still played
     gate.gate.loop_says(8, running=False)  # another one
     assert gate.chunk(1, grid(0.5, 0.5)).ok
     gate.gate.loop_says(9, running=False)
@@ -85,7 +86,7 @@ def test_a_new_gateway_knows_that_the_trajectory_was_complete(gate: Gate) -> Non
     reply = fresh.chunk(1, grid(0.1, 0.1))
     assert (reply.code, fresh.records.size) == ("over", 0)
     assert "it is complete" in reply.text
-    assert fresh.chunk(0, grid(0, 0.1), trajectory=10).ok  # the next one begins
+    assert fresh.chunk(0, grid(0, 0.1), trajectory=10).ok  # the next one can begin
 
 
 def test_a_new_gateway_without_a_point_in_the_ring_begins_with_nothing() -> None:
@@ -97,7 +98,7 @@ def test_a_new_gateway_without_a_point_in_the_ring_begins_with_nothing() -> None
 
 
 def test_a_link_that_grows_slower_is_not_taken_for_a_clock_that_drifts(gate: Gate) -> None:
-    """Each renewal 0.4 s longer on its way than the one before, 4 s in the end."""
+    """Each renewal takes 0.4 s longer to arrive than the one before, 4 s in the end."""
     for i in range(1, 11):
         gate.now += 2 * S
         assert gate.request(1, "renew", sent_ns=gate.sent(1, ago_s=0.4 * i)).ok
@@ -106,7 +107,7 @@ def test_a_link_that_grows_slower_is_not_taken_for_a_clock_that_drifts(gate: Gat
 
 
 def test_a_clock_that_goes_wrong_by_half_a_thousandth_makes_no_command_late(gate: Gate) -> None:
-    """Two hours of a clock that loses 0.05 %: 3.6 s in all, against 2 s that are allowed."""
+    """A clock loses 0.05 % for two hours: 3.6 s in all, where 2 s are allowed."""
     for i in range(3600):
         gate.now += 2 * S
         gate.skew[1] -= round(0.0005 * 2 * S)
@@ -122,7 +123,8 @@ def test_an_hour_of_silence_ends_the_lease_whatever_the_drift() -> None:
 
 
 def test_who_takes_an_ended_lease_cannot_go_on_with_the_others_trajectory(gate: Gate) -> None:
-    """Numbers of two clients may be equal; nobody took over, so nothing has ended the first's."""
+    """Trajectory numbers of two clients may be equal; nobody took over, so nothing has ended the
+    first client's trajectory."""
     assert gate.chunk(0, grid(0.0, 1.0)).ok
     gate.now += 4 * S
     assert gate.request(2, "acquire").ok
