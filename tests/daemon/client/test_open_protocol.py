@@ -1,4 +1,4 @@
-"""What the servers of foreign protocols refuse before they listen; no daemon is needed for it."""
+"""Settings that the EPICS and GCS servers refuse before they listen; no daemon is needed."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The player outlives what the daemon outlives, and says what ends it. Real processes."""
+"""The player survives whatever the daemon survives, and reports what ended it. Real processes."""
 
 import json
 import os
@@ -37,7 +37,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 
 def start_play(bench: Bench, seconds: float = SECONDS) -> "subprocess.Popen[str]":
-    """`dehyst play` of a 0.5 Hz sine through most of the reach; it runs."""
+    """Start `dehyst play` of a 0.5 Hz sine through most of the reach; return once it runs."""
     status = bench.client().status()
     middle = 0.5 * (status.reach_min + status.reach_max)
     half = 0.5 * SHARE * (status.reach_max - status.reach_min)
@@ -60,7 +60,7 @@ def start_play(bench: Bench, seconds: float = SECONDS) -> "subprocess.Popen[str]
 
 
 def use_model(bench: Bench, share: float) -> None:
-    """A model that is valid up to this share of the drive's range, by SIGHUP."""
+    """Load by SIGHUP a model that is valid up to this share of the drive's range."""
     model = kept_model()
     v = model.validity
     top = v.drive_min + share * (v.drive_max - v.drive_min)
@@ -71,7 +71,7 @@ def use_model(bench: Bench, share: float) -> None:
         "the loop runs another model",
         lambda: bench.loop.ring("status").read(0)[0][-1]["model"] != before,
     )
-    # a scan goes on; what its player can know, it has to have heard
+    # the scan continues; give its player time to receive the change
     seen = bench.loop.seq
     wait_until("a second of motion with it", lambda: bench.loop.seq > seen + round(1.5 / PERIOD_S))
 
@@ -87,7 +87,7 @@ def test_a_scan_goes_on_through_models_and_a_killed_gateway(bench: Bench) -> Non
     result = json.loads(out)
     assert (result["completed"], result["reason"]) == (True, ""), err
     assert result["samples"] == result["expected_samples"]
-    assert len(result["notes"]) == 2, result["notes"]  # once for each model
+    assert len(result["notes"]) == 2, result["notes"]  # one for each model
     assert "are beyond it, by up to" in result["notes"][0]
     assert "they are played at the nearest position" in err
     assert "goes on" in result["notes"][1]
@@ -112,7 +112,7 @@ def test_a_loop_that_dies_ends_it_in_words_in_the_last_line(bench: Bench) -> Non
 
 
 class Daemon:
-    """What the player asks, answered by a script of refusals. The clock is the test's."""
+    """Answers the player's requests from a list of refusals. The test drives the clock."""
 
     patience_s = 0.0
 
@@ -145,14 +145,15 @@ class Daemon:
 
 
 class Quiet:
-    """A status as far as a player looks at it before it begins."""
+    """The parts of a status that a player reads before it begins."""
 
     core_alive, period_ns, time_ns, trajectory, run = True, 5_000_000, 0, 0, 1
     origin = trim = reach_min = reach_max = 0.0
 
 
 def play_against(*answers: Exception | None, step_s: float = 0.3, seconds: float = 6.0) -> Player:
-    """A player that meets these answers in turn, `step_s` apart, then is always taken."""
+    """Return a player that receives these answers in turn, `step_s` apart; later chunks are
+    accepted."""
     daemon = Daemon(list(answers))
     t_s = np.arange(round(seconds / PERIOD_S)) * PERIOD_S
     playing = Player(daemon, Repeated(t_s, np.zeros(t_s.size)))  # type: ignore[arg-type]
@@ -188,7 +189,7 @@ def test_of_all_codes_the_beginning_waits_for_the_same(code: str) -> None:
 def test_a_daemon_that_asks_for_time_without_an_end_ends_it(code: str) -> None:
     many = round(2 * player.PATIENCE_S / 0.3)
     playing = play_against(None, *[Refusal(code, "not now")] * many)
-    assert bool(playing.refused) is (code != "queue-full")  # what is ahead of it drains
+    assert bool(playing.refused) is (code != "queue-full")  # a full queue drains
 
 
 def test_a_daemon_that_is_silent_too_long_ends_it_in_words() -> None:

@@ -1,5 +1,5 @@
-"""A stage for experiments: against the real loop and gateway, by itself, under bluesky's RunEngine
-and in PyMeasure's worker."""
+"""A positioner for experiments, against the real loop and gateway: by itself, under bluesky's
+RunEngine and in PyMeasure's worker."""
 
 import csv
 import os
@@ -52,12 +52,13 @@ def test_it_is_there_when_it_says_so_and_stays(rig: Bench, stage: Positioner) ->
     seen = stage.read(0.2).result(30)
     assert abs(seen.measured - 6.0) <= stage.tolerance + 3 * seen.spread
     begun = rig.loop.seq
-    # 0.2 s at 200 Hz: as many as the loop itself took in some 0.2 s; a late loop leaves some out
+    # 0.2 s at 200 Hz: as many samples as the loop took in some interval of 0.2 s; a late loop skips
+    # some
     taken = rig.loop.samples(begun - 400)["scheduled_ns"]
     counts = np.searchsorted(taken, taken + 200_000_000, side="right") - np.arange(taken.size)
     assert seen.samples in counts
     assert seen.samples <= 42
-    # stale after 1 s and back to 0 V 0.2 s later, were it not repeated
+    # unless it is repeated, the set-point is stale after 1 s and the output back at 0 V 0.2 s later
     wait_until("three seconds pass", lambda: rig.loop.seq > begun + 600)
     kept = rig.loop.samples(begun)
     assert (kept["target"] == 6.0).all()
@@ -72,7 +73,7 @@ def test_it_says_how_it_knows_and_that_the_gauge_disagrees(
     stage.by, stage.tolerance = "model", 0.02
     with Client("bench", rig.address, label="zero") as asking:
         zero = asking.status().gauge_zero
-    stage._do(lambda client: client.move_zero(0.4), stage.read())  # the gauge is off from now on
+    stage._do(lambda client: client.move_zero(0.4), stage.read())  # from now on the gauge is off
     try:
         there = stage.go(4.0).result(30)
         assert there.by == "model"
@@ -89,7 +90,8 @@ def test_it_says_how_it_knows_and_that_the_gauge_disagrees(
 
 @pytest.mark.parametrize("by", ["model", "gauge", "model-alone"])
 def test_a_stage_that_gives_no_reading_is_not_there(by: Literal["model", "gauge"]) -> None:
-    """Telemetry as the loop writes it, of a gauge that gives NaN."""
+    """Without a valid reading a positioner that judges by the model or the gauge must not report
+    arrival. The telemetry is as the loop writes it for a gauge that reads NaN."""
     samples = np.zeros(200, TELEMETRY)
     samples["seq"], samples["scheduled_ns"] = np.arange(200), 5_000_000 * np.arange(1, 201)
     samples["target"] = samples["predicted"] = 4.0
@@ -112,7 +114,7 @@ def test_a_stage_that_gives_no_reading_is_not_there(by: Literal["model", "gauge"
 
 
 def test_one_that_another_process_made_says_so_and_waits_for_nothing() -> None:
-    """As a forked child has it: no thread of it lives there."""
+    """As in a forked child, where none of its threads run."""
     stage = Positioner.__new__(Positioner)
     stage._process, stage._stopping = os.getppid(), threading.Event()
     for ask in (lambda: stage.go(4.0), stage.read, stage.stop):
@@ -154,7 +156,7 @@ def test_a_flight_brings_every_sample_and_a_stop_ends_it(rig: Bench, stage: Posi
     assert np.array_equal(np.diff(flight.samples["seq"]), np.ones(199))
     periods = np.diff(flight.wall_s) / 0.005
     assert np.allclose(periods, np.round(periods), atol=2e-4)
-    # else the loop has missed a deadline, or points came after their time
+    # otherwise the loop has missed a deadline, or points arrived late
     if periods.max() < 1.5 and not flight.played.tracking.dry:
         asked = 5.0 + np.sin(2 * np.pi * t_s)
         assert np.abs(flight.samples["target"] - asked).max() < 2 * np.pi * 0.0051
@@ -184,7 +186,7 @@ def test_bluesky_runs_a_scan_and_a_flight(stage: Positioner) -> None:
     engine(plans.scan([device], device, 3.0, 7.0, 5))
     events = [document["data"] for name, document in reported if name == "event"]
     assert [event["stage_setpoint"] for event in events] == [3.0, 4.0, 5.0, 6.0, 7.0]
-    # feed-forward and a trim that has just begun: near, and in order
+    # feed-forward and a trim that has just started: near the targets, and in order
     assert np.allclose([event["stage"] for event in events], [3, 4, 5, 6, 7], atol=0.5)
     described = next(document for name, document in reported if name == "descriptor")
     assert described["data_keys"]["stage"]["units"] == "um"

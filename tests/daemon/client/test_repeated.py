@@ -1,4 +1,4 @@
-"""A trajectory that is played again and again, and what is learned of it from telemetry."""
+"""A trajectory that is played repeatedly, and what is learned from its telemetry."""
 
 import json
 from pathlib import Path
@@ -58,7 +58,8 @@ def test_a_pass_on_the_grid_is_a_whole_number_of_periods() -> None:
 
 
 class Loop:
-    """What a daemon makes of the points: telemetry of a stage that is off by what repeats."""
+    """A simulated daemon: turns points into telemetry of a stage whose error repeats with the
+    passes."""
 
     def __init__(self, start_ns: int = 77_000_000) -> None:
         self.learner = Learner(TARGET, PERIOD_NS * 1e-9, 0.02, 1.5)
@@ -70,7 +71,7 @@ class Loop:
         self.repeats = 0.1 * np.sin(2 * np.pi * 3 * T)
 
     def go(self, seconds: float, ahead_s: float = 1.0, spoil: int = 0) -> None:
-        """So much is played; points are sent `ahead_s` before."""
+        """Play for `seconds`; points are sent `ahead_s` ahead."""
         last = self.played + round(seconds * 1e9 / PERIOD_NS)
         while self.played < last:
             while self.sent < self.played + round(ahead_s * 1e9 / PERIOD_NS) + 1:
@@ -93,7 +94,7 @@ class Loop:
 def test_the_error_falls_while_points_are_sent_ahead() -> None:
     loop = Loop()
     loop.go(2.0)
-    assert not loop.reported  # when the trajectory began is not known yet
+    assert not loop.reported  # the trajectory's start is not known yet
     loop.taker.start_ns = loop.start_ns
     loop.go(18.0)
     assert len(loop.reported) == 20
@@ -123,8 +124,8 @@ def test_a_pass_with_missed_samples_is_reported_and_not_learned_from() -> None:
 
 
 def test_where_the_loop_held_it_is_not_learned_at_the_wrong_places() -> None:
-    """A group stands still where one of its axes starves: everything comes later from there on,
-    and is reported of only after some passes."""
+    """A group holds while one of its axes starves. Everything after that is late, and this is
+    reported only some passes later: those passes must not be learned from."""
     loop = Loop()
     loop.taker.start_ns = loop.start_ns
     loop.go(5.0)
@@ -138,7 +139,7 @@ def test_where_the_loop_held_it_is_not_learned_at_the_wrong_places() -> None:
 
 
 def test_a_slow_gauge_is_learned_from_too() -> None:
-    """Every third reading is fresh."""
+    """Only every third reading is fresh."""
     loop = Loop()
     loop.taker.start_ns = loop.start_ns
     add = loop.taker.add

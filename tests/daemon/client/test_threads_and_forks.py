@@ -1,4 +1,4 @@
-"""A client in several threads, and in processes that were forked: against a real daemon."""
+"""One client used by several threads, and clients in forked processes, against a real daemon."""
 
 import multiprocessing
 import os
@@ -98,7 +98,7 @@ if not closed:
 
 
 def run_program(program: str, *arguments: str) -> list[str]:
-    """The lines that it prints, in a process of its own, which ends well."""
+    """Run the program in its own process, which must succeed; return the lines that it prints."""
     done = subprocess.run(
         [sys.executable, "-c", program, *arguments],
         env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
@@ -175,7 +175,7 @@ def test_a_positioner_may_be_used_by_several_threads(shared: Bench) -> None:
     with Positioner(lambda: Client("bench", shared.address, label="scan")) as stage:
 
         def work(number: int) -> float:
-            with suppress(NotNow):  # a later thread sent it elsewhere
+            with suppress(NotNow):  # a later thread may have sent it elsewhere
                 assert stage.go(3.0 + 0.5 * number).result(60).target == 3.0 + 0.5 * number
             return stage.read(0.05).result(60).target
 
