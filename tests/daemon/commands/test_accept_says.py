@@ -1,4 +1,5 @@
-"""`dehyst accept` says what changes, and asks where a trajectory in play may be cut."""
+"""`dehyst accept` reports what changes, and asks for confirmation if a trajectory in play may be
+cut."""
 
 import io
 import sys

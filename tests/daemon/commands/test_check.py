@@ -1,5 +1,5 @@
-"""`dehyst run --check` finds what `dehyst run` would refuse before a device is touched, and says it
-in one line; of a good configuration it says what it means, on one screen."""
+"""`dehyst run --check` finds what `dehyst run` would refuse, before a device is touched, and
+reports it in one line; it summarises a good configuration on one screen."""
 
 import json
 import subprocess
@@ -43,7 +43,7 @@ def test_the_whole_is_json_on_request(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["run", "--check", str(path), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["actuator"]["gain"] == 15.0
-    assert said["setpoint"]["stale_s"] > 0  # what the file does not say, too
+    assert said["setpoint"]["stale_s"] > 0  # defaults are included
     assert main(["run", "--json"]) == 2
     assert "--check" in capsys.readouterr().err
 

@@ -1,4 +1,4 @@
-"""Tab completion, asked of the shell itself."""
+"""Tab completion, as the shell itself offers it."""
 
 import shutil
 import subprocess
@@ -10,7 +10,7 @@ from dehyst.daemon.main import main
 
 
 def completed(script: Path, line: str) -> list[str]:
-    """What bash offers at the end of the line."""
+    """Return what bash offers at the end of the line."""
     program = (
         f"source {script}; COMP_WORDS=({line}); COMP_CWORD=$(({len(line.split())} - 1)); "
         "offer=$(complete -p dehyst | sed 's/.*-F \\([^ ]*\\).*/\\1/'); $offer; "

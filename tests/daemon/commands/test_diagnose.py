@@ -20,7 +20,7 @@ NOISE_UM = 0.02
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
-    """Two short recordings of a stage of straight plays whose reading carries 50 Hz hum."""
+    """Write two short recordings of a rate-independent stage whose reading carries 50 Hz hum."""
     rng = np.random.default_rng(5)
     folder = tmp_path_factory.mktemp("stage")
     t = np.arange(4000) * 1e-3
@@ -42,7 +42,7 @@ def recordings(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def written(recordings, tmp_path_factory):
-    """(exit status, folder, stdout) of one diagnosis of both, reported as JSON."""
+    """Diagnose both recordings; return (exit status, folder, stdout), reported as JSON."""
     out, shown = tmp_path_factory.mktemp("out") / "findings", io.StringIO()
     given = [str(recordings / name) for name in ("a.csv", "b.csv")]
     with contextlib.redirect_stdout(shown):
@@ -101,8 +101,8 @@ def test_report_is_self_contained(written):
 
 
 def test_report_says_things_in_the_order_in_which_they_are_needed(written):
-    """The data, the verdict in a sentence, its pair of figures, findings with their pictures, what
-    is excluded, what to record next."""
+    """The report is ordered as a reader needs it: the data, the verdict in a sentence with its pair
+    of figures, findings with their pictures, excluded effects, what to record next."""
     _, out, _ = written
     text = (out / "report.html").read_text()
     parts = (
@@ -123,7 +123,7 @@ def test_report_says_things_in_the_order_in_which_they_are_needed(written):
 def test_report_gives_the_figures_of_the_diagnosis(written):
     _, out, _ = written
     said, text = json.loads((out / "diagnosis.json").read_text()), (out / "report.html").read_text()
-    # both recordings have as many samples: the pair of figures pools them
+    # both recordings have equally many samples, so the pair of figures pools them
     pair = [
         np.sqrt(np.mean(np.square(list(said["rms"][k].values())))) for k in ("model", "augmented")
     ]
@@ -133,7 +133,7 @@ def test_report_gives_the_figures_of_the_diagnosis(written):
         assert escape(effect["says"]) in text
         for one in effect["parameters"].values():
             assert f"{one['low']:.4g} to {one['high']:.4g}" in text
-    # a recording's row speaks of the same samples as the cards do
+    # a recording's row covers the same samples as the cards
     cells = re.findall(r"<tr><td>[ab]\.csv</td><td>(\S+) nm</td><td>(\S+) nm</td>", text)
     assert len(cells) == 2
     both = np.sqrt(np.mean(np.square(np.array(cells, float)), axis=0))

@@ -1,4 +1,5 @@
-"""dehyst excite --separate: a drive within its limits, and what it is worth."""
+"""dehyst excite --separate: a drive within its limits, and how well it distinguishes the
+effects."""
 
 import json
 from pathlib import Path
@@ -68,7 +69,7 @@ limits = {min_v = 0.0, max_v = 100.0, slew_v_per_s = 2000.0}
 def test_with_a_configuration_the_drive_is_one_that_the_stage_can_take(
     tmp_path: Path, more: list[str]
 ) -> None:
-    """In the model's drive unit: a tenth of the actuator's volts here."""
+    """The drive is in the model's unit, here a tenth of the actuator's volts."""
     config, out = tmp_path / "stage.toml", tmp_path / "drive.csv"
     config.write_text(CONFIG)
     assert main(["excite", "--config", str(config), *more, "-o", str(out)]) == 0

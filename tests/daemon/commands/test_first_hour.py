@@ -1,4 +1,4 @@
-"""What somebody new types in the first hour: refusals in words, and no surprises."""
+"""What a new user types in the first hour: refusals are explained, and nothing surprises."""
 
 import signal
 import subprocess
@@ -75,7 +75,8 @@ def test_a_byte_order_mark_is_no_part_of_a_file(tmp_path: Path, kind: str, share
 
 
 class Flaky:
-    """The devices of an axis that fail to open a few times, and what was left open."""
+    """Stands in for the devices of an axis: opening fails `times` times; counts what is left
+    open."""
 
     def __init__(self, error: DriverError | None, times: int) -> None:
         self.error, self.times, self.opened, self.tried = error, times, 0, 0

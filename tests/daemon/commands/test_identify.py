@@ -1,4 +1,4 @@
-"""dehyst identify, simulate, excite as a user runs them."""
+"""dehyst identify, simulate and excite as a user runs them."""
 
 import json
 import re
@@ -43,17 +43,17 @@ def test_identify_writes_model_and_report(
     assert [one["threshold"] for one in slopes] == model.hysteresis.r.tolist()
     bounds = [one[name] for one in slopes for name in ("at_rate_max", "at_minus_rate_max")]
     assert all(b["low"] is None or b["low"] < b["value"] < b["high"] for b in bounds)
-    assert any(b["low"] is None for b in bounds)  # this stage would want to run back
+    assert any(b["low"] is None for b in bounds)  # a slope on its bound has no interval
     rates = np.array([one["rate"] for one in slopes])
     top = np.cumsum(model.hysteresis.b) + rates * np.cumsum(model.hysteresis.k)
     assert [one["at_rate_max"]["value"] for one in slopes] == pytest.approx(top)
-    assert rates[0] < rates[-1] == model.validity.rate_max  # where a turn has just been
+    assert rates[0] < rates[-1] == model.validity.rate_max  # low just after a reversal
     for one in said["parameters"]["saturation"]:
         assert one["low"] < model.hysteresis.c[one["power"]] < one["high"]
     assert model.provenance.recordings == (("run.csv", read_recording(recording).sha256),)
     assert model.provenance.created
     assert model.validity.rate_max == pytest.approx(196, rel=0.02)
-    assert model.validity.acceleration_max == pytest.approx(10_860, rel=0.01)  # (2 pi f)^2 a, added
+    assert model.validity.acceleration_max == pytest.approx(10_860, rel=0.01)  # sum of (2 pi f)^2 a
     assert model.validity.band_hz == pytest.approx(10, rel=0.1)
     page = (folder / "r" / "report.html").read_text("utf-8")
     pictures = re.findall(r'<img alt="([^"]*)" src="data:image/png;base64,', page)
@@ -125,12 +125,13 @@ def test_simulate_adds_the_model(recording: Path, capsys: pytest.CaptureFixture[
 def test_simulate_says_which_samples_its_error_is_over(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], turns: tuple[float, ...], start: str
 ) -> None:
-    """A stage that was driven before stands elsewhere at first: the model is led through what fits;
-    where nothing does, the error is also reported for what no longer depends on it."""
+    """If the stage was driven before the recording, the start is unknown: the model is prepared by
+    a history that fits; if none does, the error is also reported for the rows that no longer depend
+    on the start."""
     h = shipped("paper-eq11").hysteresis
-    assert 2 * h.r.max() == pytest.approx(9.844)  # so much travel, and the start is forgotten
+    assert 2 * h.r.max() == pytest.approx(9.844)  # after this much travel the start is forgotten
     t = np.arange(3000) * 1e-3
-    u = 5 - 5 * np.cos(2 * np.pi * t)  # 9.844 V are covered at 0.4601 s
+    u = 5 - 5 * np.cos(2 * np.pi * t)  # covers 9.844 V in 0.4601 s
     way = np.interp(np.linspace(0, len(turns), 2000), np.arange(len(turns) + 1), [0.0, *turns])
     y = simulate_hysteresis(h, np.concatenate([way, u]), 1e-3)[2000:]
     y += 0.01 * np.random.default_rng(0).standard_normal(t.size)

@@ -1,4 +1,5 @@
-"""`acquire` and `record` interrupted and killed: what was recorded is there, whole and readable.
+"""Whatever interrupts or kills `acquire` and `record`, what was recorded is kept, complete and
+readable.
 
 Real processes and signals on the emulated bench.
 """
@@ -21,7 +22,7 @@ from dehyst.drivers.emulated.control import ask
 
 RATE_HZ, START_V = 100.0, 20.0
 READBACK_V = 0.5
-"""A unit tells its output no better than this; where it stood before is known from there."""
+"""Accuracy [V] of the output that a unit reports, and so of returning to it."""
 
 
 @pytest.fixture
@@ -33,14 +34,15 @@ def model(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[EmulatedBench]:
-    """One for the tests of `acquire`, which leave the output where it was; but for the last."""
+    """The bench for the tests of `acquire`; all of them but the last leave the output where it
+    was."""
     bench = EmulatedBench(tmp_path_factory.mktemp("bench"), "--start-v", str(START_V))
     yield bench
     bench.close()
 
 
 def at_v(bench: EmulatedBench) -> float:
-    """The amplifier's output, by the amplifier."""
+    """Return the output [V] that the amplifier reports."""
     return float(ask(bench.ports["control"], {})["output_v"])
 
 
@@ -67,7 +69,7 @@ def test_acquire_ended_in_the_midst(
     bench: EmulatedBench, tmp_path: Path, model: Path, number: int
 ) -> None:
     before_v, t_s = at_v(bench), np.arange(0.0, 60.0, 0.01)
-    drive = 60.0 + 40.0 * (t_s / 60.0)  # tells by itself how far it came
+    drive = 60.0 + 40.0 * (t_s / 60.0)  # the drive's value shows how far it came
     write_recording(tmp_path / "drive.csv", t_s, {"u_v": drive})
     output = tmp_path / "rec.csv"
     config = bench.config(RATE_HZ, model)
@@ -79,7 +81,7 @@ def test_acquire_ended_in_the_midst(
     assert "Traceback" not in said
     assert not list(tmp_path.glob(".*.part"))
     if number == signal.SIGKILL:
-        assert not output.exists()  # complete or not at all
+        assert not output.exists()  # complete or absent
         return
     assert process.returncode == 1
     assert "interrupted" in said
@@ -88,7 +90,7 @@ def test_acquire_ended_in_the_midst(
     assert recording.t_s[-1] > 2.5
     assert 61.5 < recording.drive[-1] < 90.0
     written = np.interp(recording.t_s[:-1], t_s, drive)  # in force at the next reading
-    assert np.median(np.abs(recording.drive[1:] - written)) < 0.01  # but for late samples
+    assert np.median(np.abs(recording.drive[1:] - written)) < 0.01  # except for late samples
     assert (np.diff(recording.drive) >= 0).all()
     assert np.isfinite(recording.displacement).mean() > 0.9
     assert at_v(bench) == pytest.approx(before_v, abs=READBACK_V)  # back where it was
@@ -112,14 +114,14 @@ def test_record_interrupted_and_killed(tmp_path: Path, model: Path) -> None:
             recording = read_recording(path, need_displacement=True)
             assert recording.t_s.size > 100
             assert (np.diff(recording.t_s) > 0).all()
-            # nothing more than a gap that the file itself names
+            # nothing is missing except gaps that the file itself reports
             assert recording.t_s.size >= 0.9 * (recording.t_s[-1] - recording.t_s[0]) * RATE_HZ
     finally:
         service.close()
 
 
 def test_record_beside_a_gateway_that_knows_no_loop_yet(tmp_path: Path, model: Path) -> None:
-    """It waits for the units, and an interrupt then leaves no file."""
+    """`record` waits for the units until a loop runs; an interrupt before that leaves no file."""
     service = Service(tmp_path, model)
     gateway = dehyst("gateway", "--config", str(service.config))
     try:

@@ -1,4 +1,4 @@
-"""dehyst invert: files in, files out, exit codes; its preview is the daemon's own."""
+"""dehyst invert: files in, files out, exit codes; its preview is the one the daemon uses."""
 
 import json
 from pathlib import Path

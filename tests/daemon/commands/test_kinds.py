@@ -1,4 +1,5 @@
-"""Every command that takes or makes a recording does so in every kind of file, with one result."""
+"""Every command that reads or writes a recording supports every kind of file, with the same
+result."""
 
 from pathlib import Path
 
@@ -13,7 +14,7 @@ MODEL = "paper-eq12"
 
 
 def made(folder: Path, kind: str) -> dict[str, dict[str, np.ndarray]]:
-    """Columns of what each command makes of files of this kind."""
+    """Run each command on files of this kind; return the columns of what it writes."""
     drive, way = folder / f"drive.{kind}", folder / f"way.{kind}"
     write_recording(drive, T, {"u_v": 5 + 4 * np.sin(20 * T), "y_um": np.cos(20 * T)})
     write_recording(way, T, {"target_um": 5 + 2 * np.sin(9 * T)})

@@ -1,4 +1,4 @@
-"""`dehyst latency` as a process, and its judgement on made-up measurements."""
+"""`dehyst latency` as a process, and its verdict on made-up measurements."""
 
 import json
 import os
@@ -70,18 +70,18 @@ def test_the_engine_is_the_one_that_the_devices_admit(
 
 def test_times_the_emulated_devices_and_refuses_what_they_cannot() -> None:
     done = dehyst("--rate", "5000", "--for", "0.5")
-    assert done.returncode == 1  # no serial line does 5 kHz
+    assert done.returncode == 1  # no serial line reaches 5 kHz
     assert "write emulated MDT693B" in done.stdout
     assert "these devices allow about" in done.stdout
     assert "5000 Hz NOT held" in done.stdout
-    assert "#" not in done.stdout  # no pictures in a pipe
+    assert "#" not in done.stdout  # no picture in a pipe
 
 
 def test_a_configured_amplifier_is_timed_and_never_set(tmp_path: Path) -> None:
     bench = EmulatedBench(tmp_path, "--start-v", "30")
     try:
         io = time_devices(load_config(bench.config(100.0, tmp_path / "none.toml")))
-        assert bench.output()[1].size <= 1  # the log begins where the output stands
+        assert bench.output()[1].size <= 1  # the log begins with the initial output
         assert ask(bench.ports["control"], {})["sets"] == 0
     finally:
         bench.close()
@@ -169,7 +169,7 @@ def test_histogram_keeps_all_windows_and_counts_every_duration_once() -> None:
 
 @pytest.mark.skipif(not os.access(IDLE_LATENCY, os.R_OK | os.W_OK), reason=f"no {IDLE_LATENCY}")
 def test_idle_states_are_bounded_while_the_process_lives() -> None:
-    """The kernel itself says which exit latency all wishes together leave it."""
+    """The kernel itself reports the exit latency that all requests together allow."""
 
     def now() -> int:
         return int.from_bytes(Path(IDLE_LATENCY).read_bytes()[:4], "little", signed=True)
@@ -186,4 +186,4 @@ def test_idle_states_are_bounded_while_the_process_lives() -> None:
     during = now()
     process.communicate("\n", timeout=30)
     assert during == 0
-    assert now() in (before, 0)  # 0: another process began meanwhile
+    assert now() in (before, 0)  # 0: another process requested it meanwhile

@@ -25,7 +25,7 @@ def test_play_learns_keeps_it_and_takes_it_up(shared: Bench, tmp_path: Path) -> 
     assert err.count("pass ") >= 12
     assert picture.read_bytes().startswith(b"\x89PNG")
     learned = [one["rms"] for one in result["passes"] if one["learned"]]
-    if len(learned) > 4:  # the machine may be too busy for the loop's deadlines
+    if len(learned) > 4:  # a busy machine may miss too many deadlines
         assert np.median(learned[-3:]) < 0.5 * result["passes"][0]["rms"]
         assert kept.exists()
         records = shared.loop.samples(first)

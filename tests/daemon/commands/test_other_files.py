@@ -1,4 +1,5 @@
-"""Every command that takes a recording takes those of other programs, and says once how."""
+"""Every command that takes a recording accepts those of other programs, and reports once how it
+read them."""
 
 import json
 from pathlib import Path
@@ -74,8 +75,7 @@ def test_convert_writes_down_what_was_understood(capsys: pytest.CaptureFixture[s
 
 
 def test_identify_takes_its_rate_and_that_of_the_rows(capsys: pytest.CaptureFixture[str]) -> None:
-    """`--rate` alone asks for a model that depends on the rate; with a number it is rows a
-    second."""
+    """`--rate` alone requests a rate-dependent model; with a number it is the rows per second."""
     words = ["identify", "plain.txt", "-o", "m.toml", "--static", "--order", "4"]
     err = said(capsys, *words, code=2)
     assert "--columns t=0,u=1" in err

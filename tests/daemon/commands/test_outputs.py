@@ -1,4 +1,4 @@
-"""No command's output replaces an input or, unasked, an existing recording."""
+"""No command's output replaces an input or, unless asked to, an existing recording."""
 
 import os
 import stat
@@ -14,7 +14,7 @@ from dehyst.daemon.files.recordings import read_recording, write_recording
 from dehyst.daemon.main import COMMANDS, build_parser, main
 from dehyst.models.errors import BadInput
 
-# what each command writes, and for each output the inputs that it must not hit
+# what each command writes, with the inputs that each output must not overwrite
 WRITES: dict[str, list[str]] = {
     "identify": ["identify {rec} -o {out}", "identify {rec} -o m.toml --report {dir}"],
     "validate": ["validate {model} {rec} --report {dir}"],
@@ -42,14 +42,14 @@ WRITES: dict[str, list[str]] = {
     "emulate": ["emulate --dir {dir} --log {out}"],
     "demo": ["demo -o {dir}"],
 }
-MADE_NEW = {"keys"}  # opens every file with O_EXCL: tests/daemon/bus/test_certificates.py
+MADE_NEW = {"keys"}  # opens every file with O_EXCL: tests/daemon/bus/test_security.py
 REPORTS = {"paper", "image", "bench"}  # no input that could be replaced, and no recording
 OUTPUTS = {"output", "report", "picture", "log", "directory"}
 
 
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Path]:
-    """One file of every kind of input."""
+    """Write one file of every kind of input; return them by name."""
     monkeypatch.chdir(tmp_path)
     time_s = np.arange(2000) / 1000.0
     drive = 30.0 - 30.0 * np.cos(2 * np.pi * time_s)
@@ -75,7 +75,7 @@ def test_every_command_that_writes_is_in_the_table() -> None:
 
 
 def alias(target: Path, kind: str) -> Path:
-    """Another path to the same file."""
+    """Return another path to the same file."""
     if kind == "name":
         return target
     path = target.parent / "sub" / ("alias" + target.suffix)

@@ -1,4 +1,4 @@
-"""`dehyst probe` and `dehyst drivers`, run as the user runs them, on an emulated unit."""
+"""`dehyst probe` and `dehyst drivers`, as a user runs them, on an emulated unit."""
 
 import json
 import subprocess

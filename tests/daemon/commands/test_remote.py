@@ -34,12 +34,12 @@ def start(*arguments: str, bench: Bench) -> "subprocess.Popen[str]":
 
 
 def run(*arguments: str, bench: Bench) -> tuple[int, str, str]:
-    """The command in this process: (exit code, stdout, stderr)."""
+    """Run the command in this process; return (exit code, stdout, stderr)."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
             code = main([*arguments, "--connect", bench.address])
-        except SystemExit as leaving:  # argparse
+        except SystemExit as leaving:  # raised by argparse
             code = int(str(leaving.code))
     return code, out.getvalue(), err.getvalue()
 
@@ -52,7 +52,7 @@ def trajectory(path: Path, low: float, high: float, seconds: float = 2.0) -> Non
 
 
 def on_grid(t_s: np.ndarray, period_s: float = 0.005) -> int:
-    """Times lie on the loop's grid; how many places of it the loop missed."""
+    """Check that the times lie on the loop's grid; return how many grid points the loop missed."""
     places = np.diff(t_s) / period_s
     assert np.allclose(places, np.rint(places), atol=1e-3)
     assert (np.rint(places) >= 1).all()
@@ -86,7 +86,7 @@ def test_play_watched_and_recorded(shared: Bench, tmp_path: Path) -> None:
     recording = read_recording(rec, need_displacement=True)
     on_grid(recording.t_s)
     assert recording.displacement is not None
-    # against the loop's own records: the recorded drive is the one in force at the reading
+    # compare with the loop's own records: the recorded drive is the one in force at the reading
     origin = float(recording.metadata["setpoint_origin"].split()[0])
     records = shared.loop.samples()
     measured, shown = records["measured"] + origin, recording.displacement[1:]
@@ -116,7 +116,7 @@ def test_play_refuses_what_does_not_fit(shared: Bench, tmp_path: Path) -> None:
     assert code == 1
     reach = shared.client().status().reach_max
     target = np.loadtxt(path, delimiter=",", skiprows=1)[:, 2]
-    outside = int(np.count_nonzero(target > reach))  # of 200; some can be reached on a way up
+    outside = int(np.count_nonzero(target > reach))  # of 200; some can be reached when moving up
     assert 10 < json.loads(out)["unreachable_samples"] <= outside
     code, _, err = run("play", str(path), "--column", "u_v", bench=shared)
     assert code == 2
@@ -165,7 +165,7 @@ def test_status_is_one_screen_and_its_exit_status_says_whether_to_look(bench: Be
     assert (code, err) == (int(bool(marked)), ""), out
     assert out.startswith("bench: ready: no client commands")
     assert len(out.splitlines()) <= 24
-    assert "core: the loop's process is running" in out  # it happened before anybody listened
+    assert "core: the loop's process is running" in out  # before any client listened
     code, out, _ = run("status", "--json", bench=bench)
     reported = json.loads(out)
     assert all(LATE in line for line in reported["attention"]), out
@@ -194,12 +194,12 @@ def test_watch_on_a_terminal_of_80_by_24_fits_respects_no_color_and_resizes(shar
     env = {k: v for k, v in env.items() if k not in ("COLUMNS", "LINES")}
     watcher = pexpect.spawn(
         command[0], [*command[1:], "--for", "20"], env=env, dimensions=(24, 80), encoding="utf-8",
-        codec_errors="replace",  # an interrupt throws away what the terminal has not shown yet
+        codec_errors="replace",  # an interrupt discards what the terminal has not shown yet
     )  # fmt: skip
     watcher.expect("bench: ", timeout=60)
     watcher.expect("missed", timeout=60)
     shown = str(watcher.before)
-    assert "telemetry lost here" not in shown  # the words of the large view
+    assert "telemetry lost here" not in shown  # a label of the large view
     assert re.search("\x1b\\[[0-9;]*3[0-9]", shown) is None
     watcher.setwinsize(45, 140)
     watcher.expect("telemetry lost here", timeout=60)

@@ -19,19 +19,19 @@ PORTS = {"mdt693b": "/dev/a", "ksg101-x": "/dev/x", "ksg101-y": "/dev/y"}
 
 @pytest.fixture(autouse=True)
 def _nobody_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where somebody uses this machine, a daemon may run at the default address."""
+    """Use a free port: on this machine a daemon may run at the default address."""
     monkeypatch.setenv("DEHYST_CONNECT", f"tcp/127.0.0.1:{free_port()}")
 
 
 def straight(um_per_v: float, *blocks: Block) -> Model:
-    """A stage without hysteresis."""
+    """Return the model of a stage without hysteresis."""
     line = Hysteresis(r=np.zeros(1), b=np.array([um_per_v]), k=np.zeros(1), c=np.array([0.0, 1.0]))
     return Model(line, Validity(0.0, 150.0), blocks=blocks)
 
 
 @pytest.fixture(scope="module")
 def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """x goes from 0 to 15 um, y from 0 to 9; x moves with y."""
+    """Configure axes x from 0 to 15 um and y from 0 to 9 um; x moves with y."""
     block = Block("coupling", "stage", {"gain_um_per_unit": 0.2, "reference": 0.0}, "axis.y")
     models = {"x": straight(0.1, block), "y": straight(0.06)}
     folder = tmp_path_factory.mktemp("scan")
@@ -77,7 +77,7 @@ def test_a_raster_about_the_middle_of_the_reach(
 def test_what_cannot_be_followed_is_not_written(
     config: Path, tmp_path: Path, words: list[str], says: str, capsys: pytest.CaptureFixture
 ) -> None:
-    """The second is out of reach only by what y brings to x: 0.2 of 2.5 to 6.5 um."""
+    """The second path is out of reach only because of what y adds to x: 0.2 times 2.5 to 6.5 um."""
     out = tmp_path / "path.csv"
     assert main(["scan", *words, "--config", str(config), "-o", str(out)]) == 2
     error = capsys.readouterr().err

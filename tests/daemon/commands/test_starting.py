@@ -1,4 +1,4 @@
-"""A daemon that is reached and not ready yet: every remote command says so, or waits for it."""
+"""A daemon can be reached before it is ready: every remote command says so or waits."""
 
 from collections.abc import Iterator
 from pathlib import Path

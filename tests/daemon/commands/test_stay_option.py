@@ -1,4 +1,5 @@
-"""`send` and `play` say what comes next; `--stay` keeps the place with the client gone."""
+"""`send` and `play` report what happens next; `--stay` keeps the position after the client has
+gone."""
 
 import time
 from collections.abc import Iterator
@@ -8,12 +9,12 @@ import pytest
 from tests.daemon.commands.test_remote import run, trajectory
 from tests.rigs.gateway_bench import Bench, wait_until
 
-STALE_S, HOLD_S = 1.0, 0.2  # of the bench
+STALE_S, HOLD_S = 1.0, 0.2  # as on the bench
 
 
 @pytest.fixture(scope="module")
 def staying(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    """A bench whose configuration lets a place be kept."""
+    """A bench whose configuration allows a position to be kept."""
     stay = {"approach_um_per_s": "stay = true, approach_um_per_s"}
     bench = Bench(tmp_path_factory.mktemp("staying"), **stay)
     try:

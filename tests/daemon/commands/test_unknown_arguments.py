@@ -1,4 +1,4 @@
-"""An argument that a command does not know: whose help is named."""
+"""An argument that a command does not know is answered with a pointer to that command's help."""
 
 import pytest
 

@@ -19,7 +19,8 @@ T = 1e-3
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A model that claims 45 nm, and a recording of just that stage with 45 nm of noise."""
+    """Write a model whose stated error of 45 nm is right, one with wrong weights, and a recording
+    of the first one's stage with 45 nm of noise."""
     monkeypatch.chdir(tmp_path)
     model = shipped("paper-eq12")
     save_model(replace(model, fit=Fit(0.045, 0.045, 0.045)), "good.toml")
@@ -38,7 +39,7 @@ def test_as_good_as_it_claims(folder: Path, capsys: pytest.CaptureFixture[str]) 
     assert main(["validate", "good.toml", "run.csv", "--report", "r", "--json"]) == 0
     (said,) = json.loads(capsys.readouterr().out)
     assert said["rms"] == pytest.approx(0.045, rel=0.05)
-    assert said["offset"] == pytest.approx(7.0, abs=0.01)  # a sensor that was zeroed elsewhere
+    assert said["offset"] == pytest.approx(7.0, abs=0.01)  # the sensor was zeroed elsewhere
     assert said["white"]
     assert said["correlation_with_drive"] < 3 * said["by_chance"]
     assert said["noise_rms"] == pytest.approx(0.045, rel=0.1)
@@ -57,7 +58,7 @@ def test_worse_than_it_claims_is_a_finding(
 
 
 def test_a_recording_may_begin_anywhere(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The first loop has run before the recording begins."""
+    """Here the first loop is over before the recording begins."""
     t = np.arange(6000) * T
     u = 3.5 - 3.5 * np.cos(2 * np.pi * 3 * t)
     y = simulate_hysteresis(shipped("paper-eq12").hysteresis, u, T)

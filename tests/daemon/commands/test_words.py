@@ -1,4 +1,4 @@
-"""Mistakes at the command line end in one line that says what to write."""
+"""A mistake at the command line ends in one line that says what to write instead."""
 
 import signal
 import subprocess
