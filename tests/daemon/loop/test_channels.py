@@ -1,4 +1,4 @@
-"""Further channels: a temperature that the model's drift follows, read through a real driver."""
+"""Further channels: a temperature that the model's drift depends on, read through a real driver."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -21,14 +21,14 @@ PER_K_UM, REFERENCE_C = 0.1, 20.0
 
 
 def thermometer(folder: Path) -> ChannelConfig:
-    """A converter's temperature channel at 20 degrees: its file holds thousandths."""
+    """Configure a converter's temperature channel at 20 degrees; its file holds thousandths."""
     device(folder, in_temp_raw="20000", in_temp_scale="1.0")
     settings = {"path": str(folder), "channel": "temp", "um_per_mv": 0.001}
     return ChannelConfig(driver="iio", settings=settings, every_s=0.05)
 
 
 def set_to(folder: Path, text: str) -> None:
-    """In place, as the kernel does: the driver keeps the channel's file open."""
+    """Overwrite the file in place, as the kernel does: the driver keeps the channel's file open."""
     with (folder / "in_temp_raw").open("r+") as file:
         file.write(text)
         file.truncate()
@@ -88,7 +88,7 @@ def test_the_configuration_names_a_wrong_key(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("engine", ["compiled", "python"])
 def test_the_running_core_follows_a_temperature(tmp_path: Path, engine: str) -> None:
-    """The drive gives way to the expansion: hysteresis plus expansion stay at the set-point."""
+    """The drive compensates the expansion: hysteresis plus expansion stay at the set-point."""
     own, folder = tmp_path / "own.toml", tmp_path / "iio"
     bare = kept_model()
     numbers = {"gain_per_k": 0.0, "expansion_um_per_k": PER_K_UM, "reference_c": REFERENCE_C}

@@ -1,4 +1,4 @@
-"""The loop's kernels are compiled in two processes where none is on disk."""
+"""If no kernel is on disk, the loop's kernels are compiled in two processes."""
 
 import json
 import subprocess
@@ -40,12 +40,12 @@ halves = (
 )
 print(json.dumps({kernel.__name__: len(kernel.signatures) for kernel in halves}))
 """
-"""What calls the halves directly, typed and compiled again by numba itself; and for how many types
-each of them is there then. In a process where nobody else has called them."""
+"""Compiles again, typed by numba itself, what calls the halves directly, and prints for how many
+types each half then exists. Needs a process in which nothing else has called them."""
 
 
 def test_each_half_is_what_the_loop_then_calls() -> None:
-    """A half that was compiled for other types would be compiled again by whoever calls it."""
+    """A half that was compiled for other types would be compiled again by its caller."""
     done = subprocess.run(
         [sys.executable, "-c", SIGNATURES], capture_output=True, text=True, check=False, timeout=240
     )
@@ -56,7 +56,7 @@ def test_each_half_is_what_the_loop_then_calls() -> None:
 
 
 def test_no_process_is_started_where_the_plan_is_on_disk(monkeypatch: pytest.MonkeyPatch) -> None:
-    compile_plan()  # from the disk, where it is there
+    compile_plan()  # from disk, if it is there
 
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("a process was started")
@@ -66,7 +66,7 @@ def test_no_process_is_started_where_the_plan_is_on_disk(monkeypatch: pytest.Mon
 
 
 def test_a_process_that_dies_costs_time_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """This one goes on by itself."""
+    """The main process then compiles everything itself."""
     monkeypatch.setattr(compiled_apart, "plan_is_on_disk", lambda: False)
     start = subprocess.Popen
     monkeypatch.setattr(

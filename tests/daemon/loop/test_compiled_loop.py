@@ -1,4 +1,4 @@
-"""The compiled engine against the Python loop: the same records for the same inputs."""
+"""The compiled engine against the Python loop: the same inputs give the same records."""
 
 import itertools
 import math
@@ -103,7 +103,7 @@ def test_an_unplugged_stage_is_a_fault_and_comes_back(compiled: bool) -> None:
     assert abs(records["volts"][-1] - held) < 1e-9
     assert np.isnan(records["measured"]).all()
     rig.stage.plugged = True
-    for _ in range(200):  # the reconnecting thread lives in real time
+    for _ in range(200):  # the thread that reconnects runs in real time
         rig.play([np.zeros(0, COMMAND)], 20, compiled)
         if rig.monitor.numbers[PLACE["actuator_ok"]] and rig.stepper.state is not State.FAULT:
             break
@@ -126,7 +126,7 @@ def test_asked_to_stop_it_ends_in_the_configured_state(compiled: bool) -> None:
     assert np.abs(ramp).max() <= 0.4 * (1 + 1e-9)
 
 
-def test_a_look_at_the_clock_costs_time_in_both(  # the virtual clocks themselves agree
+def test_a_look_at_the_clock_costs_time_in_both(  # the virtual clocks agree
 ) -> None:
     rig = Rig(next(names), lateness_ns=[0])
     records = rig.play([command(LoopCommand.SETPOINT, 4.0)], 20, True)
@@ -135,8 +135,9 @@ def test_a_look_at_the_clock_costs_time_in_both(  # the virtual clocks themselve
 
 @pytest.mark.parametrize("compiled", [False, True])
 def test_memory_does_not_grow_from_sample_to_sample(compiled: bool) -> None:
-    """What replaces an older object counts too, a while long: so the best of some windows, each so
-    long that this is little beside a byte a sample."""
+    """An object that replaces an older one counts too, for a while. So the window that grew least
+    is taken, and each window is so long that such objects are little compared with one byte per
+    sample."""
     samples = 4000
     rig = Rig(next(names))
     rig.play([command(LoopCommand.SETPOINT, 4.0)], 600, compiled)
@@ -149,4 +150,4 @@ def test_memory_does_not_grow_from_sample_to_sample(compiled: bool) -> None:
             grown.append(tracemalloc.get_traced_memory()[0] - before)
     finally:
         tracemalloc.stop()
-    assert min(grown) < samples  # one byte a sample would be the end of a month's run
+    assert min(grown) < samples  # one byte per sample would end a run of a month

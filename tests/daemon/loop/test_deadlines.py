@@ -23,7 +23,7 @@ def test_every_grid_point_is_served_or_counted_as_missed(delays: list[int]) -> N
         missed += late
     assert all(point % PERIOD == 0 for point in served)
     assert all(b > a for a, b in itertools.pairwise(served))
-    # grid points behind us: in time, or missed (late or skipped), nothing counted twice
+    # each past grid point is in time or missed (late or skipped); none is counted twice
     assert in_time + missed == (scheduled - 5000) // PERIOD
 
 

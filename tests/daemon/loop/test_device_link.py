@@ -1,4 +1,4 @@
-"""A device that fails is brought back, whatever its reconnection raises meanwhile."""
+"""A failed device is reconnected, whatever errors its reconnection raises meanwhile."""
 
 import pytest
 from tests.rigs.gateway_bench import wait_until
@@ -8,7 +8,7 @@ from dehyst.drivers.interface import DeviceGone, DriverError
 
 
 class Odd:
-    """A device of somebody else's making: its reconnection fails in its own ways, then works."""
+    """A third-party device: its reconnection raises these errors in turn, then succeeds."""
 
     def __init__(self, *errors: Exception) -> None:
         self.errors = list(errors)

@@ -1,4 +1,5 @@
-"""A missed deadline says why: every cause that can be provoked from outside is provoked."""
+"""A missed deadline reports its cause: every cause that can be provoked from outside is
+provoked."""
 
 import os
 import signal
@@ -37,7 +38,7 @@ def may_use_fifo() -> bool:
 
 
 def causes(records: np.ndarray) -> set[MissCause]:
-    """Causes of the missed samples."""
+    """Return the causes of the missed samples."""
     return {MissCause(int(c)) for c in records["cause"][records["flags"] & Flag.MISSED > 0]}
 
 
@@ -53,7 +54,7 @@ def test_a_slow_driver_is_named() -> None:
             time.sleep(0.004)
         write(volts)
 
-    PythonLoop(rig.monitor).run(5)  # kernels are in memory before a set-point's age counts
+    PythonLoop(rig.monitor).run(5)  # load the kernels before a set-point's age counts
     rig.monitor.actuator.device.write = slow
     batch = np.zeros(1, COMMAND)
     batch["kind"], batch["value"] = LoopCommand.SETPOINT, 9.0
@@ -63,7 +64,7 @@ def test_a_slow_driver_is_named() -> None:
     slow_ones = records[records["io_us"] > 3500]
     assert slow_ones.size >= 5
     assert (slow_ones["flags"] & Flag.MISSED > 0).all()
-    assert (slow_ones["cause"] == MissCause.DRIVER_IO).mean() > 0.5  # a stall may fall on one
+    assert (slow_ones["cause"] == MissCause.DRIVER_IO).mean() > 0.5  # a stall may coincide with one
 
 
 @pytest.mark.timing

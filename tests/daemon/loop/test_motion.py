@@ -1,6 +1,9 @@
-"""How the stage is moved where something has come in between: from where it stands, by a glide, and
-never further than it is known to be right. Figures are written down: the ramp is 0.04 V a sample,
-an approach 0.02 um, the range 0 to 75 V."""
+"""How the stage moves after an interruption: from where it is, by a glide, and no further than its
+position is known.
+
+The limits are written out: the ramp is 0.04 V per sample, an approach 0.02 um per sample, the range
+0 to 75 V.
+"""
 
 import numpy as np
 import pytest
@@ -12,15 +15,15 @@ RAMP_V, SLEW_V, APPROACH_UM = 0.04, 2.0, 0.02
 
 
 def steps(bench: Bench, first: int) -> np.ndarray:
-    """Changes of the output from this sample on [V]."""
+    """Return the sizes of the output's steps from this sample on [V]."""
     return np.abs(np.diff(np.array(bench.volts[first - 1 :])))
 
 
 @pytest.mark.parametrize("volts", [0.0, 30.0, 75.0])
 @pytest.mark.parametrize("kind", ["set-point", "trajectory"])
 def test_an_approach_begins_where_the_stage_stands(volts: float, kind: str) -> None:
-    """The output stands at `volts` when the first command comes; a drive of
-    0 to 10 makes about as many micrometres."""
+    """The output is at `volts` when the first command comes; a drive of 0 to 10 makes about as many
+    micrometres."""
     bench = Bench(volts)
     stands = bench.stepper.record[0]["predicted"]
     bench.tick(n=10)
@@ -33,7 +36,7 @@ def test_an_approach_begins_where_the_stage_stands(volts: float, kind: str) -> N
     assert abs(record["target"] - stands) <= 2 * APPROACH_UM + 1e-9
     assert record["flags"] & Flag.APPROACH
     bench.tick(n=20)
-    # the way of one sample's target takes less than 0.3 V, however the loop is entered
+    # one sample of an approach moves the output by less than 0.3 V, wherever the loop is entered
     assert steps(bench, first).max() < 0.3
 
 
@@ -46,12 +49,12 @@ def test_an_approach_in_motion_begins_at_the_present_target() -> None:
 
 
 def wave(count: int) -> list[float]:
-    """A sine of 2 Hz, 3 um."""
+    """Return a sine of 2 Hz with an amplitude of 3 um."""
     return (4.0 - 3.0 * np.cos(2 * np.pi * 2.0 * np.arange(count) * 1e-3)).tolist()
 
 
 def test_after_a_stand_still_it_glides_to_where_the_target_has_gone() -> None:
-    """The loop stood still for 0.2 s: the wave has moved on by more than 2 um."""
+    """The loop stood still for 0.2 s, in which the wave moved on by more than 2 um."""
     bench = Bench()
     bench.send(points(4, wave(3000), 0, True), n=700)
     before = len(bench.volts)
@@ -59,15 +62,16 @@ def test_after_a_stand_still_it_glides_to_where_the_target_has_gone() -> None:
     bench.tick()
     assert any("the loop paused" in event for event in bench.stepper.events)
     bench.tick(n=1500)
-    # the wave itself needs 0.038 um, 0.355 V where the stage is flattest; a glide a third more
+    # the wave needs 0.038 um, or 0.355 V where the stage is least sensitive; a glide a third more
     assert steps(bench, before).max() <= 0.46
-    assert steps(bench, before)[:10].max() <= RAMP_V  # it sets off gently
+    assert steps(bench, before)[:10].max() <= RAMP_V  # it starts gently
     error = bench.stepper.record[0]["predicted"] - bench.stepper.record[0]["target"]
     assert abs(error) < 0.05
 
 
 def test_samples_of_a_glide_are_flagged_so_that_nobody_judges_a_model_by_them() -> None:
-    """As long as the stage is more than its ordinary error from the target, it is on its way."""
+    """While the stage is further from the target than its ordinary error, its samples are
+    flagged."""
     bench = Bench()
     bench.send(points(4, wave(3000), 0, True), n=700)
     assert not bench.stepper.record[0]["flags"] & Flag.APPROACH
@@ -81,7 +85,7 @@ def test_samples_of_a_glide_are_flagged_so_that_nobody_judges_a_model_by_them() 
     assert max(off) > 0.9
     assert all(on_way for away, on_way in zip(off[1:], flagged[1:], strict=True) if away > 0.1)
     assert not flagged[-1]
-    assert flagged == sorted(flagged, reverse=True)  # one stretch, and it ends
+    assert flagged == sorted(flagged, reverse=True)  # one stretch, which ends
 
 
 def test_a_stand_still_of_half_a_tenth_of_a_second_is_no_reason_to_glide() -> None:
@@ -100,7 +104,7 @@ def test_a_starved_stream_that_returns_is_reached_by_a_glide() -> None:
     assert bench.stepper.record[0]["flags"] & Flag.FALLBACK
     before = len(bench.volts)
     bench.send(points(4, way[700:].tolist(), 700, True), n=20)
-    assert steps(bench, before).max() <= RAMP_V + 1e-9  # 15 V are ahead
+    assert steps(bench, before).max() <= RAMP_V + 1e-9  # 15 V are left to go
     bench.tick(n=480)
     assert steps(bench, before).max() <= 2.0 * RAMP_V
     assert steps(bench, before).max() >= 0.4 * RAMP_V
@@ -153,7 +157,7 @@ def test_a_release_ramps_at_once_also_where_nobody_commands() -> None:
 
 
 def test_a_new_model_brings_its_own_origin() -> None:
-    """Another origin, the same stage: what is reported of the stage is shifted by it."""
+    """With another origin and the same stage, reported positions shift by the origin."""
     bench = Bench()
     bench.tick((LoopCommand.SETPOINT, 4.0), n=500)
     fresh = compensator(model())
@@ -187,7 +191,7 @@ def test_after_a_fault_the_model_is_led_from_the_output_as_it_was_found() -> Non
 
 
 def test_the_first_step_from_a_reported_output_is_half_as_long() -> None:
-    """The report may be off, and what it is off by is moved as well. 2000 V/s at 1 kHz: 2 V."""
+    """The report may be wrong, and its error adds to the first step. 2000 V/s at 1 kHz: 2 V."""
     fast = CONFIG + 'on_fault = "hold"\n[setpoint]\napproach_um_per_s = 1e5\n'
     bench = Bench(30.0, fast)
     bench.tick(n=20)
@@ -243,7 +247,7 @@ def test_a_wild_value_that_passed_the_gate_changes_nothing(wild: float, kind: Lo
 
 
 def test_an_inverse_that_says_nan_leaves_the_output_where_it_is_and_flags_it() -> None:
-    """The last wall before the amplifier: its own settings are spoilt here."""
+    """The last check before the amplifier: here the loop's own settings are corrupted."""
     bench = Bench()
     bench.tick((LoopCommand.SETPOINT, 4.0), n=500)
     held = bench.stepper.volts
@@ -255,7 +259,8 @@ def test_an_inverse_that_says_nan_leaves_the_output_where_it_is_and_flags_it() -
 
 @pytest.mark.parametrize(("wild_v", "end_v"), [(500.0, 75.0), (-500.0, 0.0)])
 def test_the_last_wall_holds_range_and_slew(wild_v: float, end_v: float) -> None:
-    """A safe voltage far outside, and a ramp without end, as no configuration can ask for them."""
+    """A safe voltage far outside the range and an unlimited ramp, which no configuration can
+    request."""
     bench = Bench(30.0)
     bench.stepper._numbers["safe_v"], bench.stepper._numbers["ramp_v"] = wild_v, 1e6
     bench.tick((LoopCommand.RELEASE, 0.0), n=2)

@@ -1,4 +1,4 @@
-"""Where the output is at a start: what the unit reports, and what was written before."""
+"""The output at a start: what the unit reports, and what was written last."""
 
 from pathlib import Path
 from types import SimpleNamespace

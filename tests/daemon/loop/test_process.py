@@ -38,13 +38,13 @@ engines = pytest.mark.parametrize("engine", ['engine = "python"', 'engine = "com
 
 
 def own_misses(status: np.void) -> int:
-    """Missed deadlines that the machine's stalls do not explain."""
+    """Return the number of missed deadlines that the machine's stalls do not explain."""
     excused = (MissCause.STALL, MissCause.STEAL, MissCause.SUSPENDED, MissCause.PREEMPTED)
     return int(status["missed"] - sum(status["missed_by"][cause] for cause in excused))
 
 
 def check_output(bench: EmulatedBench) -> None:
-    """The amplifier's output kept range and slew at every moment, by its own log."""
+    """Check in the amplifier's own log that the output kept range and slew at every moment."""
     time_ns, volts = bench.output()
     check_range(volts, 0.0, 150.0)
     check_speed(time_ns, volts, SLEW, SLEW / 100.0)
@@ -71,8 +71,9 @@ def test_one_kilohertz_on_the_simulated_stage(tmp_path: Path, model: Path, engin
 
 
 def check_grid(records: np.ndarray, status: np.void) -> None:
-    """Every sample is there, on the grid, after its deadline; and what was missed is counted: a
-    sample that ends n periods after its deadline missed n, and the next one comes n later."""
+    """Check that every sample exists, lies on the grid and does not begin before its time, and that
+    missed deadlines are counted: a sample that ends n periods after its deadline misses n, and the
+    next one comes n later."""
     assert (np.diff(records["seq"]) == 1).all()
     gaps, odd = np.divmod(np.diff(records["scheduled_ns"]), 1_000_000)
     assert (odd == 0).all()
@@ -86,10 +87,11 @@ def check_grid(records: np.ndarray, status: np.void) -> None:
 
 
 def check_reached(records: np.ndarray, followed: np.ndarray, model: Path, origin: float) -> None:
-    """The voltages are the model's for the target, and the readings are the stage's for them.
+    """Check that the voltages are the model's for the target, and the readings the stage's for the
+    voltages.
 
-    That the two differ, by the stage's creep and what the model cannot know of it, is not the
-    loop's doing.
+    The difference between the two, due to creep and to what the model cannot know of the stage, is
+    not the loop's error.
     """
     settled = followed[followed.size // 2 :]
     promised = (
@@ -100,8 +102,8 @@ def check_reached(records: np.ndarray, followed: np.ndarray, model: Path, origin
     true_um, _ = SimulatedStage(StageSettings()).run(t_s, records["volts"])
     error = records["measured"][settled] + origin - true_um[settled]
     noise = StageSettings().sensor_noise_um
-    assert noise / 2 < np.std(error) < 2 * noise  # its filter takes some of it
-    assert abs(error.mean()) < 5 * noise / np.sqrt(settled.size / 20)  # and makes neighbours alike
+    assert noise / 2 < np.std(error) < 2 * noise  # the gauge's filter removes some of it
+    assert abs(error.mean()) < 5 * noise / np.sqrt(settled.size / 20)  # and correlates neighbours
 
 
 @engines
@@ -159,7 +161,7 @@ def test_serial_bench_unplug_and_back(bench: EmulatedBench, model: Path) -> None
         until(lambda: rings.state() is State.FAULT, 20, "fault")
         until(lambda: rings.state() is not State.FAULT, 30, "recovery")
         until(lambda: "back" in rings.events(), 20, "the event")
-        # on_fault = "ramp": down to the safe voltage by itself
+        # on_fault = "ramp": it ramps to the safe voltage by itself
         until(lambda: rings.last()["volts"] == 5.0, 20, "safe voltage")
         rings.drive(3.0, lambda last: last["state"] == State.RUNNING)
         time.sleep(0.3)
@@ -182,7 +184,7 @@ def test_kill_9_then_safe_then_restart_without_a_jump(bench: EmulatedBench, mode
     assert safe.returncode == 0
     assert "5.000 V" in words
     time_ns, volts = during(*bench.output(), begun_ns)
-    check_speed(time_ns, volts, 200.0, 2.0)  # V/s of the ramp; two of its steps
+    check_speed(time_ns, volts, 200.0, 2.0)  # 200 V/s of the ramp; two of its steps
     assert (time_ns[-1] - time_ns[0]) * 1e-9 > 0.9 * (left - 5.0) / 200.0
     with core(config):
         time.sleep(0.3)
@@ -235,6 +237,6 @@ def test_a_trimmed_stage_stands_where_the_gauge_says(
     newest = records[records["target"] == 9.0][-1000:]
     noise = StageSettings().sensor_noise_um
     assert abs(newest["measured"].mean() - 9.0) < 0.5 * noise
-    assert abs(newest["trim"][-1]) > noise  # so far off it would stand without
+    assert abs(newest["trim"][-1]) > noise  # without trim it would be this far off
     assert (status["trimmed"], status["trim_frozen"]) == (1, 0)
     assert status["differs"] == pytest.approx(-newest["trim"][-1], abs=noise)

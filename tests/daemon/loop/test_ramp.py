@@ -1,4 +1,4 @@
-"""The ramp without the loop: what `dehyst safe` and the approach of `dehyst acquire` move by."""
+"""The ramp without the loop, as used by `dehyst safe` and by the approach of `dehyst acquire`."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ VOLTS = st.floats(0.0, 140.0)
 
 
 class Slow:
-    """A simulated amplifier that is watched: what was written, and how long nobody wrote."""
+    """A simulated amplifier that records what was written and how long the ramp slept."""
 
     def __init__(self) -> None:
         self.amplifier = SimulatedActuator.from_settings({})
@@ -40,7 +40,7 @@ def test_no_step_is_larger_than_rate_times_period_and_it_ends_at_the_goal(
     assert way[-1] == goal
     assert np.all(abs(np.diff(way)) <= rate * period_s * (1 + 1e-9))
     assert np.all(np.diff(way) * np.sign(goal - start) >= -1e-12)
-    assert device.slept == [period_s] * len(device.written)  # behind each step
+    assert device.slept == [period_s] * len(device.written)  # after each step
     link.close()
 
 

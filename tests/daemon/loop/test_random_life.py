@@ -1,9 +1,9 @@
-"""A controller's random life: the real gate and the real step, 100 000 samples of commands by two
-clients, trajectories, faults, reloads, late samples and ends.
+"""The random life of a controller: the real gate and the real step, 100 000 samples of commands by
+two clients, trajectories, faults, reloads, late samples and ends.
 
-Invariants: range; slew over every pair of samples, by the clock; nothing moves in READY and FAULT;
-only the holder of the lease moves anything, by a bookkeeping of the test's own; and whatever went
-before, an end comes to the safe voltage in the ramp's time.
+Invariants: the range; the slew over every pair of samples, by the clock; nothing moves in READY and
+FAULT; only the holder of the lease moves anything, by the test's own record of the lease; and
+whatever happened before, an end reaches the safe voltage within the ramp's time.
 """
 
 import math
@@ -25,7 +25,7 @@ from dehyst.daemon.rings.records import COMMAND, LoopCommand, State
 SAFE_V, RAMP_V_PER_S, LEASE_NS = 3.0, 40.0, 500_000_000
 CLIENTS = st.sampled_from([11, 22])
 STEPS = 100_000
-WIDE = 64  # so many samples before those of a rule are looked at with them
+WIDE = 64  # samples before a rule that are checked together with those of the rule
 
 
 class Life(RuleBasedStateMachine):
@@ -44,13 +44,13 @@ class Life(RuleBasedStateMachine):
         self.gate.core.period_ns = PERIOD_NS
         self.numbers = {11: 0, 22: 0}
         self.sequence = self.trajectory = 0
-        # the test's own book of the lease
+        # the test's own record of the lease
         self.holder, self.heard_ns = 0, -(10**12)
 
     # -- what happens ---------------------------------------------------------------------------
 
     def tick(self, batch: np.ndarray | None = None, late_ns: int = 0) -> None:
-        """One sample; late_ns: how late its voltage is made, by the clock."""
+        """Run one sample; late_ns: by how much its voltage is late, by the clock."""
         bench, c = self.bench, self.bench.stepper.control
         self.clock_ns = max(bench.now + PERIOD_NS + late_ns, self.clock_ns)
         c["move_ns"] = min(self.clock_ns - self.wrote_ns, PERIOD_NS)
@@ -66,7 +66,7 @@ class Life(RuleBasedStateMachine):
 
     @property
     def holds(self) -> int:
-        """Who holds the lease, by the test's own book."""
+        """The holder of the lease by the test's own record."""
         return self.holder if self.bench.now - self.heard_ns <= LEASE_NS else 0
 
     @rule(n=st.integers(1, 400))
@@ -76,7 +76,7 @@ class Life(RuleBasedStateMachine):
 
     @rule(late_ms=st.floats(0.1, 40.0), n=st.integers(1, 20))
     def late(self, late_ms: float, n: int) -> None:
-        """A sample whose voltage is late; those behind it come as soon as they can."""
+        """Delay one sample's voltage; the samples after it come as soon as they can."""
         late_ns = round(late_ms * 1e6)
         self.tick(late_ns=late_ns)
         for _ in range(n):
@@ -104,7 +104,7 @@ class Life(RuleBasedStateMachine):
 
     @rule(client=CLIENTS, value=st.floats(-3, 15) | st.just(math.nan), forged=st.booleans())
     def set(self, client: int, value: float, forged: bool) -> None:
-        """A set-point; forged: under a number that the client was never given."""
+        """Send a set-point; forged: under a lease number that the client was never given."""
         self.sequence += 1
         self.gate.core.state = self.bench.stepper.state
         command = Setpoint(
@@ -121,7 +121,7 @@ class Life(RuleBasedStateMachine):
 
     @rule(values=st.lists(st.floats(-3, 15), min_size=1, max_size=40), last=st.booleans())
     def play(self, values: list[float], last: bool) -> None:
-        """Past the gate: the step itself must bear any points."""
+        """Bypass the gate: the step itself must withstand any points."""
         self.trajectory += 1
         batch = np.zeros(len(values), COMMAND)
         batch["kind"], batch["trajectory"] = LoopCommand.POINT, self.trajectory
@@ -163,14 +163,14 @@ class Life(RuleBasedStateMachine):
         assert np.isfinite(volts).all()
         assert volts.min() >= MIN_V
         assert volts.max() <= MAX_V
-        # of all pairs, the way of the later behind the earlier: the least before each is enough
+        # over all pairs, by how much the later exceeds the earlier: the least before each is enough
         allowed = SLEW * (time_ns - time_ns[0]) * 1e-9
         for side in (volts, -volts):
             over = (side - allowed)[1:] - np.minimum.accumulate(side - allowed)[:-1]
             assert over.max(initial=0.0) <= SLEW * PERIOD_NS * 1e-9 + 1e-9
 
     def teardown(self) -> None:
-        """However it stands, an end comes to the safe voltage, and in time."""
+        """From any state, an end reaches the safe voltage in time."""
         stepper = self.bench.stepper
         stepper.recover(self.bench.now, stepper.volts)
         way_v = abs(stepper.volts - SAFE_V)

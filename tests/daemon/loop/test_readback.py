@@ -1,4 +1,5 @@
-"""The slow checks beside the loop: the amplifier's report, and whether the processes move."""
+"""The slow checks next to the loop: the amplifier's report, and whether the processes make
+progress."""
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ MS = 1_000_000
 
 
 def lagging(volts: np.ndarray, tau_s: float, period_s: float, offset_v: float) -> np.ndarray:
-    """What an ADC with a lag and an offset reports of these set-points."""
+    """Return what an ADC with a lag and an offset reports for these set-points."""
     seen, out = volts[0], np.empty(volts.size)
     for i, v in enumerate(volts):
         seen += -np.expm1(-period_s / tau_s) * (v - seen)

@@ -1,5 +1,5 @@
-"""The figures of the amplifier's slow check, written down: 3 reports, 1 to 2 s, then 1, 5
-and 0.25 s."""
+"""The figures of the amplifier's slow check, written out: 3 reports, 1 to 2 s, then 1, 5 and 0.25
+s."""
 
 from itertools import pairwise
 
@@ -11,7 +11,7 @@ MS = 1_000_000
 
 
 def written(*steps: tuple[int, float]) -> ReadbackCheck:
-    """Of a unit that stood at 0 V; steps: (end in ms, volts), written every 10 ms."""
+    """Return the check of a unit that was at 0 V; steps: (end [ms], volts), written every 10 ms."""
     check, now = ReadbackCheck(2.0, 0.0), 0
     for end, volts in steps:
         while now < end:
@@ -57,8 +57,8 @@ def test_reports_that_agree_now_and_then_never_end_the_doubt() -> None:
 def test_a_report_may_be_as_old_as_one_to_two_seconds(
     wait_ms: int, agrees: bool, before_v: float, now_v: float
 ) -> None:
-    """The output stood at one voltage and stands at another now; the unit still reports the first,
-    whenever the second was written within its second."""
+    """The output has moved from one voltage to another and the unit still reports the first: this
+    agrees while the second was written less than 1 to 2 s ago."""
     check = written((3000, before_v), (3000 + wait_ms, now_v))
     verdicts = [check.judge(before_v) for _ in range(3)]
     assert verdicts[-1] == ("" if agrees else "disagrees")

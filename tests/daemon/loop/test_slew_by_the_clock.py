@@ -1,5 +1,5 @@
-"""The slew limit in real time: no window of the output, of whatever length, holds more than the
-limit's volts for its length and one step; late samples are not caught up with.
+"""The slew limit in real time: in any window, of whatever length, the output moves by at most the
+slew rate times that length, plus one step; late samples are not caught up.
 
 In virtual time for both loops, and on the emulated bench by the amplifier's own log.
 """
@@ -29,7 +29,7 @@ LATE_NS = (5000, 5000, 16_500_000, 5000, 300_000, 5000, 5000, 2_400_000, 900_000
 
 
 def worst_excess(time_s: NDArray[np.float64], volts: NDArray[np.float64], slew: float) -> float:
-    """By how many volts the worst of all windows goes beyond slew times its length."""
+    """Return by how many volts the worst of all windows exceeds slew times its length."""
     worst = 0.0
     for way in (volts, -volts):
         ahead = way - slew * time_s
@@ -38,7 +38,8 @@ def worst_excess(time_s: NDArray[np.float64], volts: NDArray[np.float64], slew: 
 
 
 def test_the_measure_finds_what_was_found() -> None:
-    """19 V in 4.9 ms at 1000 V/s and a step of 10 V: seen between neighbours only by chance."""
+    """10 V in 4.9 ms are 5.1 V more than 1000 V/s allows; comparing neighbouring samples would find
+    this only by chance."""
     t = np.array([0.0, 10.0, 26.5, 31.4, 41.0]) * 1e-3
     v = np.array([0.0, 10.0, 19.0, 29.0, 38.0])
     assert worst_excess(t, v, 1000.0) == pytest.approx(0.0051 * 1000.0)
@@ -63,7 +64,8 @@ def test_late_samples_are_not_caught_up_with(compiled: bool) -> None:
 
 
 class SlowAmplifier(SimulatedActuator):
-    """Its output changes somewhere within a call: on the way there, before the answer."""
+    """An amplifier whose output changes somewhere within a call: after the request's delay and
+    before the reply."""
 
     def __init__(self, *given: Any) -> None:
         super().__init__(*given)
@@ -72,7 +74,7 @@ class SlowAmplifier(SimulatedActuator):
         self.log: list[tuple[int, float]] = []
 
     def write(self, volts: float) -> None:
-        """Now and then the way there is long, now and then the answer's."""
+        """Delay the request or the reply now and then."""
         super().write(volts)
         if self.clock is not None:
             there, back = self.random.choice((300_000, 350_000, 800_000)), 200_000
@@ -82,7 +84,8 @@ class SlowAmplifier(SimulatedActuator):
 
 
 def slow_rig(kind: type[SlowAmplifier], stage: str) -> tuple[Any, Rig]:
-    """The amplifier and its rig; set-points are approached as fast as the slew limit lets them."""
+    """Return the amplifier and its rig; set-points are approached as fast as the slew limit
+    allows."""
     settings = {"stage": stage, "period_s": PERIOD_NS * 1e-9}
     amplifier = kind.from_settings(settings)
     devices = amplifier, SimulatedSensor.from_settings(settings)
@@ -103,11 +106,11 @@ def test_no_window_holds_more_when_calls_take_longer_and_shorter() -> None:
     step_v = SLEW_V_PER_S * PERIOD_NS * 1e-9
     check_speed(time_ns, volts, SLEW_V_PER_S, step_v)
     moved = np.abs(np.diff(volts)).sum() / ((time_ns[-1] - time_ns[0]) * 1e-9)
-    assert moved > 0.3 * SLEW_V_PER_S  # and it is not bought by standing still
+    assert moved > 0.3 * SLEW_V_PER_S  # not met by standing still
 
 
 class HangingAmplifier(SlowAmplifier):
-    """Now and then a large step is carried out long after the call has given up, just before the
+    """Now and then it carries out a large step long after the call has timed out, just before the
     unit answers again."""
 
     def __init__(self, *given: Any) -> None:
@@ -115,7 +118,7 @@ class HangingAmplifier(SlowAmplifier):
         self.steps, self.hung, self.late = 0, 0, 0.0
 
     def write(self, volts: float) -> None:
-        # a whole step, and in the direction of the ramp that follows
+        # a full step, in the direction of the ramp that follows
         self.steps += bool(self.log) and volts < self.log[-1][1] - 3.9
         if self.clock is None or self.steps < 5:
             SimulatedActuator.write(self, volts)
@@ -136,7 +139,7 @@ class HangingAmplifier(SlowAmplifier):
 
 @pytest.fixture
 def back_at_the_third_look(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A device that is down is brought back as ever, but in no thread of its own."""
+    """A device that is down is reconnected as usual, but without a thread of its own."""
 
     def came_back(link: DeviceLink) -> bool:
         link.errors += 1
@@ -151,7 +154,7 @@ def back_at_the_third_look(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class MisreportingAmplifier(SlowAmplifier):
-    """It fails once; from then on it stands 0.2 V below what it reports, as behind an ADC."""
+    """Fails once; from then on its output is 0.2 V below what it reports, as an ADC would."""
 
     def __init__(self, *given: Any) -> None:
         super().__init__(*given)
@@ -171,8 +174,8 @@ class MisreportingAmplifier(SlowAmplifier):
 
 @pytest.mark.usefixtures("back_at_the_third_look")
 def test_a_reported_voltage_is_not_written_back() -> None:
-    """Back again at 100 V or so it ramps to 5 V in steps of 0.4 V. To write what the unit reports,
-    before the first of them, would move it by what the report is off."""
+    """Back again at about 100 V, it ramps to 5 V in steps of 0.4 V. Writing the reported voltage
+    before the first step would move the output by the error of the report."""
     amplifier, rig = slow_rig(MisreportingAmplifier, "misreporting")
     rig.play([setpoint(10.0)], 500, compiled=False)
     volts = np.array([v for _, v in amplifier.log])
@@ -185,7 +188,7 @@ def test_a_reported_voltage_is_not_written_back() -> None:
 @pytest.mark.usefixtures("back_at_the_third_look")
 def test_no_window_holds_more_where_a_command_is_carried_out_late() -> None:
     amplifier, rig = slow_rig(HangingAmplifier, "hanging")
-    # back again, it ramps at once: beside the late step that is more than the limit allows
+    # back again, it ramps at once: together with the late step this exceeds the limit
     rig.play([setpoint((10.0, 1.0)[i % 2]) for i in range(60)], 60, compiled=False)
     assert amplifier.hung >= 5
     time_ns, volts = (np.array(column) for column in zip(*amplifier.log, strict=True))

@@ -1,6 +1,6 @@
 """Every state of the loop with every event, on the real kernels; the table and its documentation.
 
-What must follow is written here once more, by hand: the states stay where nothing is listed.
+The expected transitions are written out here once more: the state stays where nothing is listed.
 """
 
 import itertools
@@ -35,7 +35,7 @@ WAYS = {
 
 
 def in_state(state: State) -> Bench:
-    """A controller that came to this state, its output away from the safe voltage."""
+    """Return a controller in this state, with its output away from the safe voltage."""
     bench = Bench(START_V)
     bench.tick()
     if state is S.START:
@@ -53,7 +53,7 @@ def in_state(state: State) -> Bench:
 
 
 def inject(bench: Bench, event: LoopEvent, way: str = "") -> None:
-    """Let this happen to a controller."""
+    """Apply the event to a controller."""
     if way == "set-point":
         bench.tick((LoopCommand.SETPOINT, 2.0))
     elif way == "trajectory":
@@ -97,13 +97,13 @@ def test_every_state_with_every_event(state: State, event: LoopEvent, way: str) 
     assert State(state if followed == NOTHING else followed) is expected
     bench.tick(n=3)
     if expected in (S.FAULT, S.READY, S.START) and event is not E.ARRIVED:
-        assert bench.stepper.volts == before  # in these the output stays
+        assert bench.stepper.volts == before  # the output stays in these states
     if expected is S.STOPPING:
         bench.tick(n=1000)
         assert bench.stepper.volts == SAFE_V
         assert bench.stepper.stopped
     elif expected is S.FAULT:
-        assert np.isnan(bench.stepper.control["target"][0])  # it does not go on by itself
+        assert np.isnan(bench.stepper.control["target"][0])  # no motion resumes by itself
     assert (expected is S.STOPPING) >= bench.stepper.stopped
 
 
@@ -112,7 +112,8 @@ def test_the_document_shows_the_table_that_the_loop_runs() -> None:
 
 
 def test_after_a_fault_the_model_follows_the_output_as_it_was_found() -> None:
-    """Recovered elsewhere: the next reading is expected from there, by the play operators."""
+    """After recovery at another voltage the next reading is expected from there, by the play
+    operators."""
     bench = in_state(S.RUNNING)
     bench.stepper.fault(bench.now, "pulled")
     bench.stepper.recover(bench.now, 45.0)
@@ -122,7 +123,7 @@ def test_after_a_fault_the_model_follows_the_output_as_it_was_found() -> None:
     for volts in [*bench.volts[1:-1], 45.0, 45.0]:
         fresh.applied(state, volts / GAIN)
     assert bench.stepper.volts == 45.0
-    # up from below: the backlash is taken up, so the branch is known whatever came before
+    # moving up from below takes up the backlash, so the branch is known whatever came before
     bench.tick((LoopCommand.SETPOINT, 5.0), n=3)
     assert bench.stepper.state is S.RUNNING
     assert abs(bench.stepper.volts - 45.0) <= 2.0

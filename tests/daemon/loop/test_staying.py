@@ -1,6 +1,6 @@
-"""A set-point or a hold that lasts: only a command, a fault or the end of the daemon moves it.
+"""A lasting set-point or hold: only a command, a fault or the end of the daemon ends it.
 
-What goes stale and when is the configuration's (2 s, then 5 s of holding, in this rig).
+The configuration sets what goes stale and when (2 s, then 5 s of holding, in this rig).
 """
 
 import numpy as np
@@ -44,7 +44,7 @@ def test_a_hold_keeps_the_voltage_in_mid_motion_and_on_the_way_down() -> None:
     moving = bench.stepper.volts
     bench.send(command(LoopCommand.HOLD, lasts=True), n=LONG)
     assert bench.stepper.state is State.HOLDING
-    assert bench.stepper.volts == pytest.approx(moving, abs=0.2)  # a step of the motion
+    assert bench.stepper.volts == pytest.approx(moving, abs=0.2)  # within a step of the motion
     assert np.isnan(bench.stepper.record[0]["target"])
     bench.send(command(LoopCommand.STOP_MOTION), n=5500)  # a stop ends it: 5 s, then down
     down = bench.stepper.volts
@@ -52,7 +52,7 @@ def test_a_hold_keeps_the_voltage_in_mid_motion_and_on_the_way_down() -> None:
     bench.send(command(LoopCommand.HOLD), n=4900)
     assert bench.stepper.volts == pytest.approx(down, abs=0.05)
     bench.tick(n=200)
-    assert bench.stepper.volts < down - 1.0  # that one did not last
+    assert bench.stepper.volts < down - 1.0  # this one did not last
 
 
 ENDS = {
@@ -77,7 +77,7 @@ def test_every_other_command_ends_it(end: str, kind: LoopCommand) -> None:
     assert not bench.stepper.control["stays"][0]
     bench.tick(n=LONG)
     assert bench.stepper.state is not State.RUNNING
-    if end != "fault":  # after one the output stays as it was found
+    if end != "fault":  # after a fault the output stays as it was found
         assert bench.stepper.volts == bench.settings.safe_v
 
 

@@ -1,4 +1,5 @@
-"""The step's promises for any sequence of commands, faults and reloads; and its state machine.
+"""The guarantees of the step for any sequence of commands, faults and reloads; and its state
+machine.
 
 The reference for reached displacements is a plain numpy loop over the play operators.
 """

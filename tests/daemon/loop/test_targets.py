@@ -11,7 +11,7 @@ PERIOD = 1_000_000
 
 
 class Queue(TrajectoryQueue):
-    """A queue with the kernels that the loop calls on its memory."""
+    """A queue that runs the loop's kernels on its memory."""
 
     def begin(self, trajectory: int, start_ns: int) -> None:
         targets.clear(self.numbers[0])

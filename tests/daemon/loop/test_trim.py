@@ -1,4 +1,5 @@
-"""The trim in the loop: no jump whatever comes, both engines alike, feed-forward as before."""
+"""The trim in the loop: nothing makes it jump, both engines agree, and the feed-forward is
+unchanged."""
 
 import itertools
 import math
@@ -31,7 +32,7 @@ names = (f"trimmed-{i}" for i in itertools.count())
 
 
 class Trimmed(Bench):
-    """A bench whose gauge stands `off` from the model, with a ripple of 1 nm."""
+    """A bench whose gauge differs from the model by `off`, with a ripple of 1 nm."""
 
     def __init__(self, on: bool = True) -> None:
         super().__init__()
@@ -71,7 +72,7 @@ def test_a_set_point_is_reached_by_the_gauge() -> None:
 
 
 def test_without_trim_nothing_is_added() -> None:
-    """Bit by bit what a stepper without any trim writes."""
+    """The voltages are bit by bit those of a stepper without any trim."""
     off, none = Trimmed(on=False), Trimmed(on=False)
     none.stepper = Stepper(none.settings, compensator(model()), 0.0)
     for bench in (off, none):
@@ -82,7 +83,7 @@ def test_without_trim_nothing_is_added() -> None:
 
 
 def test_a_trimmed_stage_that_held_goes_on_from_where_it_stands() -> None:
-    """Stop, hold, a new set-point at the same place: the output hardly moves."""
+    """After a stop, a hold and a new set-point at the same position the output hardly moves."""
     bench = Trimmed()
     for _ in range(30):
         bench.tick((LoopCommand.SETPOINT, 4.0), n=100)
@@ -228,7 +229,7 @@ def test_volts_keep_range_and_slew_whatever_the_gauge_says(todo: list) -> None:
 
 
 def test_a_moved_zero_is_in_the_status_at_once() -> None:
-    """For whoever compares readings with those before it."""
+    """Whoever compares readings with earlier ones needs the new zero."""
     rig = Rig(next(names))
     shift = setpoint(-0.25)
     shift["kind"] = LoopCommand.ZERO

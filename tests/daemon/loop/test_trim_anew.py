@@ -13,7 +13,7 @@ from dehyst.models.learning.why import Why
 @pytest.mark.parametrize("share", [0.0, 0.02, -0.02])
 @pytest.mark.parametrize("after_s", [0.1, 0.5, 1.5])
 def test_on_target_again_after_a_loop_that_died(share: float, after_s: float) -> None:
-    """The reading is off by a share of the reach, from some time after the restart on."""
+    """From some time after the restart the reading is off by a share of the reach."""
     one = rig()
     low, high = one.reach
     for death in range(4):
@@ -32,7 +32,7 @@ def test_on_target_again_after_a_loop_that_died(share: float, after_s: float) ->
 def test_on_target_again_after_a_gauge_that_drifted_and_jumped_back() -> None:
     one = rig()
     drift(one, 3.0, 30.0)
-    assert abs(error_um(one)) > 0.5  # nothing can tell it from a stage that drifts
+    assert abs(error_um(one)) > 0.5  # indistinguishable from a stage that drifts
     one.go(0.5 * sum(one.reach), 12.0)
     assert not frozen(one)
     assert abs(error_um(one)) < ON_TARGET_UM

@@ -1,4 +1,5 @@
-"""One axis follows another in the same sample: judged by the plant's own equation."""
+"""One axis compensates its coupling to another one in the same sample, checked with the plant's own
+equation."""
 
 import itertools
 from collections.abc import Mapping
@@ -14,7 +15,7 @@ from dehyst.models.model import Block
 names = (f"coupled-{i}" for i in itertools.count())
 GAIN = 0.05
 N = 500
-BEGUN = 100  # the ways to the first points are over
+BEGUN = 100  # both axes have reached their first points
 WAVE = 6.0 + 3.0 * np.sin(0.03 * np.arange(N))
 BOTH = pytest.mark.parametrize("compiled", [False, True])
 
@@ -24,7 +25,8 @@ def following(channel: str, gain: float = GAIN) -> tuple[Block, ...]:
 
 
 def by_its_drive(records: np.ndarray) -> np.ndarray:
-    """Displacement one period after each sample, of the drive alone; from the virgin stage."""
+    """Return the displacement due to the drive alone, one period after each sample, from the virgin
+    stage."""
     volts = np.concatenate([[0.0], records["volts"]])
     return simulate_hysteresis(model().hysteresis, volts, 1e-3)[1:]
 
@@ -32,7 +34,7 @@ def by_its_drive(records: np.ndarray) -> np.ndarray:
 def played(
     blocks: Mapping[str, tuple[Block, ...]], compiled: bool, axes: str = "xy"
 ) -> dict[str, np.ndarray]:
-    """x holds 8 um while y plays the wave."""
+    """Hold x at 8 um while y plays the wave; return the records by axis."""
     trio = Trio(next(names), axes, blocks=blocks)
     y = group_points(WAVE, group=0, last=True)
     x = np.concatenate([setpoint(8.0)])
@@ -48,7 +50,7 @@ def test_the_displacement_of_another_axis_is_taken_out_in_the_same_sample(
     compiled: bool, axes: str
 ) -> None:
     reported = played({"x": following("axis.y")}, compiled, axes)
-    # y's target one period on is where y will be when this voltage shows
+    # y's target one period later is where y will be when this voltage takes effect
     there = by_its_drive(reported["x"])[:-1] + GAIN * reported["y"]["target"][1:]
     assert np.ptp(reported["y"]["target"][BEGUN:]) > 5.0
     assert np.abs(there[BEGUN:] - 8.0).max() < 1e-6
@@ -66,7 +68,8 @@ def test_the_drive_of_another_axis_is_that_of_the_same_sample(compiled: bool, ax
 def test_the_other_axis_counts_from_its_models_zero_whatever_its_set_points_do(
     points: bool,
 ) -> None:
-    """As in the recording of a gauge: x is at its place, also where y's set-points begin at 5."""
+    """x reaches its target also if y's set-points have their origin at 5 um: the coupling counts
+    from the model's zero, as in a recording of the gauge."""
     trio = Trio(next(names), "xy", blocks={"x": following("axis.y")}, origins={"y": 5.0})
     y = group_points(WAVE - 5.0, group=0, last=True) if points else setpoint(3.0)
     reported = trio.play({"x": setpoint(8.0), "y": y}, 90)
@@ -99,11 +102,11 @@ def test_in_a_circle_the_first_takes_the_drive_of_the_sample_before(compiled: bo
 def test_an_axis_without_a_target_counts_where_its_model_has_it(compiled: bool) -> None:
     trio = Trio(next(names), "xy", blocks={"x": following("axis.y")})
     parts = [trio.play({"x": setpoint(8.0), "y": setpoint(9.0)}, 90, compiled)]
-    parts += [trio.play({"x": setpoint(8.0)}, 45, compiled) for _ in range(6)]  # y is stale: ramps
+    parts += [trio.play({"x": setpoint(8.0)}, 45, compiled) for _ in range(6)]  # y is stale, ramps
     reported = {a: np.concatenate([part[a] for part in parts]) for a in "xy"}
     assert np.ptp(reported["y"]["volts"]) > 40.0
     used = trio.rigs["x"].stepper.inverse.channels[0]
     assert used == pytest.approx(reported["y"]["predicted"][-1], abs=1e-9)
-    # a sample late, and continuous: x has no step when y loses its target
+    # one sample late, but continuous: x does not step when y loses its target
     there = by_its_drive(reported["x"])[1:-1] + GAIN * reported["y"]["predicted"][1:-1]
     assert np.abs(there[BEGUN:] - 8.0).max() < 1e-6

@@ -1,4 +1,4 @@
-"""Trajectories that several axes play together: sample by sample, by both engines."""
+"""Trajectories that several axes play together, sample by sample, in both engines."""
 
 import itertools
 
@@ -25,7 +25,7 @@ def order(kind: LoopCommand, value: float = 0.0) -> np.ndarray:
 
 
 def moving(records: dict[str, np.ndarray], axis: str, ramp: np.ndarray) -> np.ndarray:
-    """Sample by sample: the time in the trajectory [samples] that the target stands for."""
+    """Return the time in the trajectory [samples] to which each sample's target belongs."""
     target = records[axis]["target"]
     return (target - ramp[0]) / (ramp[1] - ramp[0])
 
@@ -33,7 +33,7 @@ def moving(records: dict[str, np.ndarray], axis: str, ramp: np.ndarray) -> np.nd
 @pytest.mark.parametrize("compiled", [False, True])
 def test_they_start_together_however_far_their_ways_are(compiled: bool) -> None:
     trio = Trio(next(names), "xy")
-    # x has 1 um to go (5 ms at 200 um/s), y 9 um (45 ms): x waits at its first point
+    # x needs 5 ms (1 um at 200 um/s), y 45 ms (9 um): x waits at its first point
     reported = trio.play(
         {"x": group_points(RAMP_X, last=True), "y": group_points(RAMP_Y, last=True)}, 600, compiled
     )
@@ -42,7 +42,7 @@ def test_they_start_together_however_far_their_ways_are(compiled: bool) -> None:
     assert start == int(np.flatnonzero((y < RAMP_Y[0] - 1e-9) & (np.arange(600) > 46))[0])
     assert start >= 45
     np.testing.assert_allclose(x[8:start], RAMP_X[0])
-    # from there on each is at its own point of the same time, in every sample
+    # from there on each axis is at its own point of the same time, in every sample
     np.testing.assert_allclose(x[start : start + N - 2], RAMP_X[1:-1], atol=1e-9)
     np.testing.assert_allclose(y[start : start + N - 2], RAMP_Y[1:-1], atol=1e-9)
     assert (reported["x"]["flags"][10 : start - 1] & APPROACH).all()
@@ -63,7 +63,7 @@ def test_while_one_has_no_points_all_stand_still_and_nothing_jumps() -> None:
             140,
         )
     ]
-    # y is dry at its 50th point; it gets points up to the 120th, then to its end
+    # y runs dry at its 50th point; it receives points up to the 120th, then up to its end
     reported.append(trio.play({"y": group_points(RAMP_Y[50:120], **more, first=50)}, 40))
     reported.append(trio.play({"z": group_points(ramp_z[200:], **more, first=200, last=True)}, 60))
     reported.append(trio.play({"y": group_points(RAMP_Y[120:], **more, first=120, last=True)}, 400))
@@ -77,8 +77,8 @@ def test_while_one_has_no_points_all_stand_still_and_nothing_jumps() -> None:
     np.testing.assert_allclose(at[0], at[2], atol=1e-6)
     steps = np.diff(at[0])
     assert np.isclose(steps, 1.0).sum() + np.isclose(steps, 0.0).sum() == steps.size
-    assert np.isclose(at[0][139 - start], 49.0)  # stood at y's last point
-    assert np.isclose(at[0], 119.0).sum() > 2  # and again
+    assert np.isclose(at[0][139 - start], 49.0)  # stood still at y's last point
+    assert np.isclose(at[0], 119.0).sum() > 2  # and a second time
     assert at[0][-1] == pytest.approx(N - 1)
     assert any("has run dry" in text for text in trio.events("y"))
     assert any("until the other axes" in text for text in trio.events("x"))
@@ -105,9 +105,9 @@ def test_when_one_leaves_the_others_hold(compiled: bool, why: LoopCommand) -> No
     reported = trio.play({"y": order(why), "z": z}, 4, compiled)
     assert State(reported["x"]["state"][-1]) is State.HOLDING
     assert np.ptp(reported["x"]["volts"][1:]) == 0.0
-    assert State(reported["z"]["state"][-1]) is State.RUNNING  # it plays nothing with them
+    assert State(reported["z"]["state"][-1]) is State.RUNNING  # z is not part of the group
     assert any("another axis of the trajectory has left" in text for text in trio.events("x"))
-    # what comes too late for the trajectory moves nobody, and begins no hold anew
+    # points that arrive too late for the trajectory move nothing and do not restart the hold
     said = len(trio.events("x"))
     reported = trio.play({"x": group_points(RAMP_X, first=900)}, 5, compiled)
     assert State(reported["x"]["state"][-1]) is State.HOLDING

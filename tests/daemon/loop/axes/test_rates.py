@@ -1,4 +1,5 @@
-"""How fast a loop of several axes may be: refused above what the amplifier sustains, in words."""
+"""A loop of several axes is refused if it is faster than the amplifier sustains, with the
+reason."""
 
 from collections.abc import Sequence
 
@@ -13,7 +14,8 @@ from dehyst.models.errors import BadInput
 
 
 class Unit:
-    """300 Hz for one output, half of it for two, all three in one command; late: a fifth more."""
+    """Sustains 300 Hz for one output, 150 Hz for two and 280 Hz for all three in one command; late
+    replies take a fifth longer."""
 
     together = True
 
@@ -44,7 +46,7 @@ def specs(gauge_hz: float, gauge_s: float) -> list[tuple[DeviceSpec, DeviceSpec]
 
 def test_the_slowest_number_of_driven_axes_counts() -> None:
     joints = [(Unit(), (0, 1, 2))]
-    # 8 ms for two late sets and three gauges of 0.1 ms: 8.3 ms are half of 16.6 ms
+    # 8 ms for two late sets, plus three gauges of 0.1 ms: 8.3 ms are half of 16.6 ms
     with pytest.raises(BadInput, match=r"axes x, y, z sustains 150 Hz with 2 .* to 60 or less"):
         check_rates_together(axes(200.0), specs(2000.0, 1e-4), joints)
     assert check_rates_together(axes(100.0), specs(2000.0, 1e-4), joints) == [1, 1, 1]
@@ -52,14 +54,14 @@ def test_the_slowest_number_of_driven_axes_counts() -> None:
 
 def test_the_gauges_of_all_axes_have_to_be_read_in_the_period() -> None:
     joints = [(Unit(), (0, 1, 2))]
-    # 1 / 150 s and three gauges of 1 ms: 9.7 ms; four fifths of a period are 8
+    # 1 / 150 s plus three gauges of 1 ms: 9.67 ms; four fifths of a period are 8 ms
     with pytest.raises(BadInput, match=r"3 axes take 9.67 ms of the 10.00 ms period"):
         check_rates_together(axes(100.0), specs(2000.0, 1e-3), joints)
     assert check_rates_together(axes(80.0), specs(50.0, 1e-3), joints) == [2, 2, 2]
 
 
 def test_amplifiers_of_their_own_are_added_up() -> None:
-    # three of 3.3 ms and three gauges of 0.1 ms: 10.3 ms
+    # three sets of 3.3 ms plus three gauges of 0.1 ms: 10.3 ms
     with pytest.raises(BadInput, match=r"take 10.30 ms of the 10.00 ms period"):
         check_rates_together(axes(100.0), specs(2000.0, 1e-4), [])
     assert check_rates_together(axes(77.0), specs(2000.0, 1e-4), []) == [1, 1, 1]
@@ -74,8 +76,9 @@ def test_what_one_axis_cannot_is_reported_of_that_axis() -> None:
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_the_rate_that_is_offered_leaves_room_for_late_replies(count: int) -> None:
-    """Sets of 2 ms, late ones 3 ms; gauges of 0.1 ms, late ones 0.2 ms: 3.2 ms for each axis, and
-    half a period for all: 150 Hz, 52 Hz for three. Up to 380 Hz and 127 Hz is taken."""
+    """Sets take 2 ms, late ones 3 ms; gauges take 0.1 ms, late ones 0.2 ms. That is 3.2 ms for each
+    axis and half a period for all: 150 Hz, for three axes 52 Hz. Up to 380 Hz and 127 Hz are
+    accepted."""
     offered = {1: "150", 3: "52"}[count]
     units = [(spec(1000.0, 2e-3, 3e-3), spec(2000.0, 1e-4, 2e-4))] * count
     with pytest.raises(BadInput, match=rf"device calls .* ms period; set .* to {offered} or less"):
@@ -88,8 +91,8 @@ def test_the_rate_that_is_offered_leaves_room_for_late_replies(count: int) -> No
 
 
 def test_where_a_report_and_the_sets_do_not_fit_into_a_period_is_known() -> None:
-    """Three outputs of one unit: 8 ms for two of them where they are late, three gauges of 0.5 ms,
-    a report of 3.33 ms in the place of one gauge: 12.33 ms. One alone: 3.33 ms twice."""
+    """With three outputs of one unit, two late ones take 8 ms, each gauge 0.5 ms, and a report in
+    place of one gauge 3.33 ms: 12.33 ms. One axis alone takes 3.33 ms twice."""
     several, one = specs(2000.0, 5e-4), specs(2000.0, 5e-4)[:1]
     joints = [(Unit(), (0, 1, 2))]
     assert crowded(12.8e-3, several, joints) == dict.fromkeys(range(3), (0, 1, 2))

@@ -1,4 +1,4 @@
-"""The model in a status and the reach in it belong together, whenever the status is filled."""
+"""The model and the reach in a status belong together, whenever the status is filled."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +30,7 @@ def test_each_status_during_a_reload_is_of_one_model(
     seen: list[tuple[str, float]] = []
 
     def fill(*_: Any) -> None:
-        """A status that falls due now."""
+        """Fill a status now."""
         status = np.zeros(1, STATUS)
         axis._fill_model(status, 0.0)
         width = float(status["reach_max"][0] - status["reach_min"][0])

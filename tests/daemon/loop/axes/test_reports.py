@@ -1,5 +1,5 @@
-"""The sample in which an amplifier is asked for its report: where there is no time for a set beside
-the question, the output stays for this sample and goes on in the next. In virtual time."""
+"""The sample in which an amplifier is asked for its report: if there is no time for a set and the
+report, the output stays for this sample and moves on in the next one. In virtual time."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ STEP_V = 4.0  # 4000 V/s at 1 kHz
 
 
 class Reporting(SimulatedActuator):
-    """It can be asked; what was done is listed."""
+    """An amplifier that can report its output; lists the calls."""
 
     def __init__(self, *given: object) -> None:
         super().__init__(*given)  # type: ignore[arg-type]
@@ -43,17 +43,17 @@ def test_a_report_takes_the_place_of_a_set_where_both_do_not_fit(room: bool) -> 
         ReadbackCheck(2.0, 0.0),
         crowded={} if room else {0: (0,)},
     )
-    for i in range(175):  # 5.25 s, always on the way: it is asked once in 5 s
+    for i in range(175):  # 5.25 s, always in motion: one report in 5 s
         rig.rings["command"].push_many(setpoint((9.0, 2.0)[i % 2]))
         runner.run(rig.monitor.samples + 30)
     records = rig.rings["telemetry"].read(0)[0]
     reports = [k for k, what in enumerate(amplifier.done) if what == "report"]
     assert len(reports) == 1
-    sample = int(np.flatnonzero(records["flags"] & 16)[0])  # no gauge in that one
+    sample = int(np.flatnonzero(records["flags"] & 16)[0])  # no gauge is read in that sample
     assert len(amplifier.done) == records.size + (1 if room else 0)
     steps = np.abs(np.diff(records["volts"]))
     assert (steps[sample - 1] > 0.0) == room
     assert steps[sample - 2] > 0.0
     assert steps[sample] > 0.0
     assert steps.max() <= STEP_V + 1e-9
-    assert np.unique(records["state"][1:]).tolist() == [2]  # running all the while
+    assert np.unique(records["state"][1:]).tolist() == [2]  # RUNNING throughout

@@ -1,4 +1,4 @@
-"""A core process of several axes: on the simulated stage, and behind the emulated MDT693B."""
+"""A core process of several axes, on the simulated stage and on the emulated MDT693B."""
 
 import time
 from collections.abc import Iterator
@@ -36,14 +36,14 @@ enabled = false
 
 
 class Running(NamedTuple):
-    """A core, and the rings of each axis."""
+    """A core and the rings of each axis."""
 
     folder: Path
     rings: dict[str, Rings]
     ports: dict[str, str]
 
     def goes_to(self, axis: str, um: float) -> None:
-        """Give an axis a set-point and wait until its model is there."""
+        """Send an axis a set-point and wait until its model predicts that it was reached."""
         rings = self.rings[axis]
         rings.drive(um, lambda last: abs(last["predicted"] - um) < 0.2, 30.0)
 
@@ -80,7 +80,7 @@ def test_one_process_runs_two_axes_in_the_same_samples(simulated: Running) -> No
     np.testing.assert_array_equal(
         x["scheduled_ns"][np.isin(x["seq"], shared)], y["scheduled_ns"][np.isin(y["seq"], shared)]
     )
-    # nobody commanded x
+    # nobody commands x
     assert (x["volts"] == x["volts"][0]).all()
     assert simulated.states() == {"x": State.READY, "y": State.RUNNING}
     statuses = [simulated.rings[axis].last("status") for axis in "xy"]
