@@ -1,4 +1,5 @@
-"""Supervision depends on no log: loop killed and SIGTERM, whatever stdout and stderr lead to."""
+"""Supervision does not depend on the log: the loop is killed and SIGTERM sent, wherever stdout and
+stderr lead."""
 
 import os
 import signal
@@ -43,7 +44,7 @@ def test_the_loop_comes_back_and_the_end_is_heard(
             until(lambda: service.core_pid() not in (0, first), 60.0, "the next loop")
             until(lambda: service.rings.last() is not None, 60.0, "its samples")
             service.high()
-            service.supervisor.send_signal(signal.SIGHUP)  # as a terminal does that goes away
+            service.supervisor.send_signal(signal.SIGHUP)  # as a closing terminal does
             time.sleep(0.5)
             assert service.supervisor.poll() is None
             assert service.end() == 0

@@ -1,8 +1,8 @@
-"""The chaos test: real processes are killed and stopped, real ptys pulled, disks filled, messages
-forged, while a trajectory runs. The amplifier emulator's own log is the witness of the output.
+"""The chaos test: while a trajectory runs, real processes are killed and stopped, real ptys pulled,
+disks filled and messages forged. The amplifier emulator's own log is the evidence of the output.
 
-Faults are done to a daemon one after another: each must leave it in order for the next. Behind
-one that failed everything is built anew, so that the next one is judged by itself.
+A daemon suffers one fault after another: each must leave it ready for the next. After a fault that
+failed, everything is rebuilt, so that the next one is judged by itself.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,7 +15,7 @@ from tests.rigs.chaos.kept import KeptRig
 
 FLOODS = (chaos_commands.flood, chaos_commands.stranger_floods)
 DAEMONS = 3
-"""Side by side, each with its share of the faults: they mostly wait."""
+"""Run in parallel, each with its share of the faults: they mostly wait."""
 FAULTS = (
     *faults.DEVICES,
     *faults.HOST,
@@ -48,6 +48,6 @@ def test_fault(rig: KeptRig, fault: Callable[..., str]) -> None:
     if reason := faults.why_not(fault):
         pytest.skip(reason)
     options: dict[str, float] = {}
-    if fault in FLOODS:  # the benchmark takes more, on a machine that is its own
+    if fault in FLOODS:  # the benchmark floods for longer, on a machine of its own
         options = {"seconds": 2.0, "processes": 1}
     assert rig.inflict(fault, **options).rows > 0

@@ -1,7 +1,7 @@
-"""The chaos test with three axes on one amplifier: what only several axes have.
+"""The chaos test with three axes on one amplifier: the faults that only several axes have.
 
-x and y play, nobody commands z; the amplifier's own log of every channel is the witness. The rest
-of the table is done to the axis x of three by `python -m tests.benchmarks.daemon.chaos --axes 3`.
+x and y play, nobody commands z; the amplifier's own log of every channel is the evidence. `python
+-m tests.benchmarks.daemon.chaos --axes 3` applies the rest of the table to axis x of three.
 """
 
 from collections.abc import Callable, Iterator

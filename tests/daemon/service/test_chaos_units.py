@@ -1,5 +1,5 @@
-"""The chaos test with each serial amplifier: its cable pulled, its answers late and damaged, and
-another unit in its place, while a trajectory runs; and with a gauge reader."""
+"""The chaos test with each serial amplifier, and with a gauge reader: while a trajectory runs, its
+cable is pulled, its answers come late and damaged, and another unit is put in its place."""
 
 from collections.abc import Callable, Iterator
 

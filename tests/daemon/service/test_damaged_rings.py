@@ -1,5 +1,5 @@
-"""Rings cut short and overwritten under a real daemon: nothing stops `dehyst safe`, what is damaged
-is replaced and said, and the processes go on."""
+"""Rings are cut short and overwritten under a real daemon: nothing stops `dehyst safe`, damage is
+reported and the ring replaced, and the processes continue."""
 
 import os
 import signal
@@ -31,7 +31,7 @@ def service(tmp_path: Path) -> Iterator[Service]:
 
 
 def sent(client: Client) -> bool:
-    """A set-point went through."""
+    """Return whether a set-point was accepted."""
     try:
         return client.send(4.0).ok
     except DehystError:
@@ -39,7 +39,7 @@ def sent(client: Client) -> bool:
 
 
 def damage(path: Path, how: str) -> None:
-    """cut, header or all: what is overwritten with random bytes."""
+    """Damage a ring: cut it short, or overwrite its header or all of it with random bytes."""
     rng = np.random.default_rng(5)
     if how == "cut":
         os.truncate(path, 4096)
@@ -55,13 +55,13 @@ def test_safe_and_a_new_start_with_a_damaged_ring(service: Service, how: str) ->
     assert service.high() > 60.0
     core = service.core_pid()
     assert service.supervisor is not None
-    service.supervisor.kill()  # both, so that nobody cleans up behind them
+    service.supervisor.kill()  # both, so that neither cleans up after the other
     os.kill(core, signal.SIGKILL)
     service.supervisor.wait(10.0)
     until(lambda: not service.core_pid(), 10.0, "the core has gone")
     for name in ("telemetry", "status", "event", "command"):
         damage(service.folder / "run" / f"{name}.ring", how)
-    assert service.output() > SAFE_V + 10.0  # it may have begun to come down before the kill
+    assert service.output() > SAFE_V + 10.0  # it may have begun to ramp down before the kill
     safe = dehyst("safe", "--config", str(service.config))
     _, words = safe.communicate(timeout=60)
     assert safe.returncode == 0, words
@@ -96,7 +96,7 @@ def test_random_bytes_in_a_ring_that_is_in_use(service: Service, name: str) -> N
 
 @pytest.mark.parametrize("name", ["telemetry", "event"])
 def test_a_ring_cut_short_in_use_costs_a_restart_at_most(service: Service, name: str) -> None:
-    """The loop may touch what is missing before it notices: then the kernel ends it."""
+    """The loop may access the missing part before it notices: then the kernel ends it."""
     service.start()
     with service.client() as client:
         until(lambda: follows(client), 60.0, "the core follows commands")
@@ -111,7 +111,7 @@ def test_a_ring_cut_short_in_use_costs_a_restart_at_most(service: Service, name:
         def status() -> Any:
             try:
                 return client.status()
-            except DehystError:  # the gateway may have gone the same way
+            except DehystError:  # the gateway may have ended too
                 return None
 
         until(again, 60.0, f"it goes on\n{service.words()}")

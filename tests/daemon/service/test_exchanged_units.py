@@ -1,4 +1,4 @@
-"""Two like amplifiers change ports: no voltage is ever set on the one that is not known here."""
+"""Two amplifiers of one kind swap ports: no voltage is ever set on the one that is unknown here."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ def test_the_foreign_unit_is_never_moved(tmp_path: Path, way: str, blank: bool) 
         status = WAYS[way](rig)
         sets, volts = rig.foreign()
         assert (sets, volts) == (0, pytest.approx(FOREIGN_V, abs=0.01)), rig.words()
-        assert status in (1, 2), rig.words()  # it did not end as it should have
+        assert status in (1, 2), rig.words()  # it did not end as asked
         if way in ("at_start", "in_motion", "loop_dead"):
             assert "another unit is plugged in" in rig.words()
             assert "dehyst config pin" in rig.words()
@@ -30,7 +30,7 @@ def test_the_foreign_unit_is_never_moved(tmp_path: Path, way: str, blank: bool) 
 def test_pin_accepts_the_unit_that_is_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """And replaces the serial number that the configuration names."""
+    """`config pin` also replaces the serial number that the configuration names."""
     save_model(kept_model(), tmp_path / "model.toml")
     rig = Exchanged(tmp_path, tmp_path / "model.toml", blank=False)
     try:

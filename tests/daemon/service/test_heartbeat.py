@@ -1,4 +1,5 @@
-"""When a process is called hanging: never while it starts, never by another one's ring."""
+"""When a process is reported as hanging: never while it starts, and never because of another one's
+ring."""
 
 import os
 from collections.abc import Callable
@@ -15,14 +16,14 @@ SAMPLE = np.zeros(1, TELEMETRY)[0]
 
 
 class Watch:
-    """A heartbeat with limits of 10 and 20 s, looked at twice a second."""
+    """A heartbeat with limits of 10 and 20 s, checked twice a second."""
 
     def __init__(self, folder: Path) -> None:
         self.heartbeat, self.now_s = Heartbeat(folder, 10.0, 20.0), 0.0
         self.heartbeat.core_started(os.getpid())
 
     def look(self, seconds: float, act: Callable[[], None] | None = None) -> list[bool]:
-        """[core was called hanging, gateway was] within the time."""
+        """Return [whether the core was found hanging, whether the gateway was] within `seconds`."""
         found = [False, False]
         for _ in range(round(2 * seconds)):
             self.now_s += 0.5
@@ -62,11 +63,11 @@ def test_one_that_moved_and_stands_still_hangs(tmp_path: Path, watch: Watch) -> 
 def test_a_start_is_no_hang_with_no_ring_an_empty_one_or_that_of_the_run_before(
     tmp_path: Path, watch: Watch
 ) -> None:
-    assert watch.look(200.0) == [False, False]  # kernels are compiled
+    assert watch.look(200.0) == [False, False]  # kernels are being compiled
     ring = new_ring(tmp_path)
     for _ in range(8):
         ring.push(SAMPLE)
-    watch.heartbeat.core_started(os.getpid() + 1)  # it has died; this ring is the old one's
+    watch.heartbeat.core_started(os.getpid() + 1)  # the core has died; this ring is the old one's
     watch.heartbeat.gateway_started()
     assert watch.look(200.0, lambda: ring.push(SAMPLE)) == [False, False]
     assert not watch.heartbeat.core.moves
@@ -125,8 +126,8 @@ def test_of_several_axes_the_slowest_counts(tmp_path: Path) -> None:
     assert beats.core_moves
     assert beats.gateway_moves
     look(11.0, "x", "x")
-    assert beats.core_hangs  # y is written no more
-    assert not beats.gateway_hangs  # there is nothing of y to take
+    assert beats.core_hangs  # y is no longer written
+    assert not beats.gateway_hangs  # y has nothing to take
     beats.core_started(os.getpid())
     look(22.0, "xy", "y")
     assert not beats.core_hangs

@@ -1,6 +1,6 @@
 """The supervisor's table of states, every state with every event.
 
-What must hold is written here as rules, not copied from the table.
+The requirements are written here as rules, not copied from the table.
 """
 
 import itertools
@@ -24,19 +24,19 @@ def test_every_state_with_every_event(state: Life, event: LifeEvent) -> None:
     if state is Life.OVER:
         assert after is Life.OVER
     if after is Life.STARTING and state is not Life.STARTING:
-        # the one way to a start: the output was made safe, and the pause is over
+        # the only way to a start: the output was made safe, and the pause is over
         assert (state, event) == (Life.WAITING, LifeEvent.DUE)
     if after is Life.WAITING and state is not Life.WAITING:
         assert (state, event) == (Life.SAVING, LifeEvent.SAVED)
     if state in ALIVE and event in GONE | {LifeEvent.STILL}:
-        # whatever became of it: nothing is left as it was, and the output is seen to, unless it
-        # ended as asked or has never moved anything
+        # a process that has ended is in no running state, and the output is made safe, unless the
+        # process ended as asked or has never moved anything
         assert after not in ALIVE
         well = state is Life.ENDING and event is LifeEvent.WELL
         never_moved = state is Life.STARTING and event is LifeEvent.REFUSED
         assert after in ({Life.OVER} if well or never_moved else {Life.SAVING, Life.LAST})
     if event is LifeEvent.END and state is not Life.OVER:
-        # whoever asks for the end is never met by a new start
+        # after a request to end there is no new start
         assert after in {Life.ENDING, Life.LAST, Life.OVER}
         assert (after is Life.OVER) == (state is Life.WAITING)
     if state in {Life.ENDING, Life.LAST}:

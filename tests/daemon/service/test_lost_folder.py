@@ -1,4 +1,4 @@
-"""A run folder that is removed under a live daemon is reported, and costs no healthy process."""
+"""A run folder that is removed under a running daemon is reported, and ends no healthy process."""
 
 import os
 import shutil

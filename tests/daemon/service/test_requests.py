@@ -1,4 +1,4 @@
-"""Signals that come before the loop runs."""
+"""Signals that arrive before the loop runs."""
 
 import os
 import signal
@@ -27,7 +27,8 @@ def requests() -> Iterator[Requests]:
 def test_asked_to_end_while_it_compiles_it_ends_with_0_and_no_traceback(
     requests: Requests, number: signal.Signals
 ) -> None:
-    """numba makes an error of its own of an exit that is raised in the middle of a compilation."""
+    """numba turns an exit that is raised in the middle of a compilation into an error of its
+    own."""
 
     def compiled() -> None:
         try:
@@ -42,7 +43,7 @@ def test_asked_to_end_while_it_compiles_it_ends_with_0_and_no_traceback(
 
 
 def test_an_exit_that_was_swallowed_is_made_up_for_before_the_loop_runs(requests: Requests) -> None:
-    with suppress(SystemExit):  # as a callback from C does, in the middle of a compilation
+    with suppress(SystemExit):  # as a callback from C does in the middle of a compilation
         os.kill(os.getpid(), signal.SIGTERM)
     with pytest.raises(SystemExit) as end:
         requests.serve(lambda: None, lambda: None)

@@ -1,4 +1,4 @@
-"""`dehyst safe` with several axes: all at the same time, and none kept back by another."""
+"""`dehyst safe` with several axes: all of them ramp at the same time, and none delays another."""
 
 import time
 from collections.abc import Callable
@@ -34,7 +34,7 @@ def axis(name: str, stage: str, more: str = "") -> str:
 
 
 def amplifier(stage: str, volts: float) -> Actuator:
-    """The simulated amplifier of this stage, its output at so many volts."""
+    """Return the simulated amplifier of this stage, with its output at `volts`."""
     actuator = load_actuator("simulated").from_settings({"stage": stage})
     actuator.open()
     actuator.write(volts)
@@ -55,13 +55,14 @@ def test_every_axis_goes_to_its_own_safe_voltage_or_stays(tmp_path: Path) -> Non
 
 @pytest.fixture
 def waits(monkeypatch: pytest.MonkeyPatch) -> list[Callable[[], None]]:
-    """Waiting takes no time and moves the clock on. What is put in happens at the next wait."""
+    """Waiting takes no time and advances the clock. Functions that are added run at the next
+    wait."""
     passed, happens = [0], list[Callable[[], None]]()
 
     def sleep_s(seconds: float) -> None:
         passed[0] += round(seconds * 1e9)
         now = happens.copy()
-        happens.clear()  # what these put in is of the next wait
+        happens.clear()  # what these add is for the next wait
         for one in now:
             one()
 

@@ -1,6 +1,7 @@
-"""`dehyst run` with real processes, ptys and signals: what ends, ends safe; what dies comes back.
+"""`dehyst run` with real processes, ptys and signals: what ends, ends safely; what dies is
+restarted.
 
-The amplifier's own word is the witness of the output.
+The amplifier's own report is the evidence of the output.
 """
 
 import os
@@ -56,7 +57,7 @@ def test_a_core_that_had_to_be_killed_at_the_end_leaves_the_output_safe_and_not_
     service.start()
     assert service.high() > 60.0
     os.kill(service.core_pid(), signal.SIGSTOP)
-    assert service.end() == 1  # after the ramp's own time and the spare time
+    assert service.end() == 1  # after the ramp's own time and the margin
     assert "hangs; killing it" in service.words()
     assert service.output() == pytest.approx(SAFE_V, abs=0.02), service.words()
     assert service.core_pid() == 0
@@ -80,7 +81,7 @@ def test_a_core_that_dies_while_it_ramps_leaves_the_output_safe_and_not_0(
 def test_a_long_ramp_is_waited_for(
     tmp_path: Path, model: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The time that is allowed grows with the configured ramp: by arithmetic, not by waiting."""
+    """The time allowed grows with the configured ramp; this is computed, not waited for."""
     path = simulated_config(tmp_path, 100.0, model)
     text = path.read_text()
     path.write_text(text.replace("ramp_v_per_s = 200.0", "ramp_v_per_s = 1.0"))
@@ -122,7 +123,7 @@ def test_systemd_is_asked_for_time_while_core_and_safe_ramp(
             begun = time.monotonic()
             assert process.wait(60.0) == 0
             took = time.monotonic() - begun
-        assert hear().count("EXTEND_TIMEOUT_USEC=15000000") >= took - 1.5  # each second anew
+        assert hear().count("EXTEND_TIMEOUT_USEC=15000000") >= took - 1.5  # repeated each second
         assert "STOPPING=1" in said[0]
         with core(service.config) as process:
             service.high()
@@ -136,13 +137,13 @@ def test_systemd_is_asked_for_time_while_core_and_safe_ramp(
         assert asked
         assert int(asked.group(1)) * 1e-6 > (volts - SAFE_V) / 20.0
     unit = (UNITS / "dehyst.service").read_text()
-    assert "NotifyAccess=exec\n" in unit  # or the words of ExecStopPost= would not count
+    assert "NotifyAccess=exec\n" in unit  # otherwise messages of ExecStopPost= would not count
 
 
 def test_both_killed_at_once_while_high_the_units_last_command_makes_it_safe(
     service: Service, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What ExecStopPost= runs, with nobody else there. It prints the time;
+    """The command of ExecStopPost= runs with no other process left. The test prints the time;
     tests.benchmarks.daemon.kills judges it, without byte code too."""
     service.start()
     volts = service.high(13.4, 117.0)
@@ -181,7 +182,7 @@ def test_events_carry_their_time_and_belong_to_their_run(service: Service) -> No
     lines = [line for line in service.words().splitlines() if "the loop runs" in line]
     assert len(lines) == 2
     assert all(re.match(r"dehyst run: \d\d:\d\d:\d\d the loop runs", line) for line in lines)
-    service.start()  # a new supervisor says nothing of the runs before
+    service.start()  # a new supervisor does not report earlier runs
     until(lambda: service.words().count("the loop runs") >= 3, 60.0, "the third run")
     time.sleep(1.0)
     assert service.words().count("the loop runs") == 3
@@ -190,7 +191,7 @@ def test_events_carry_their_time_and_belong_to_their_run(service: Service) -> No
 def test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready(
     tmp_path: Path, service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And the state is what `systemctl status` shows: by sd_notify."""
+    """`systemctl status` shows the same state, through sd_notify."""
     manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     manager.bind(str(tmp_path / "notify"))
     manager.setblocking(False)
@@ -198,7 +199,7 @@ def test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready(
     states: list[str] = []
 
     def shown() -> str:
-        """The newest STATUS= of the supervisor."""
+        """Return the newest STATUS= of the supervisor."""
         try:
             while True:
                 said = manager.recv(4096).decode().splitlines()
@@ -225,7 +226,7 @@ def test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready(
         assert service.rings.state() is State.READY  # the loop itself is not disturbed
         squatter.close()
         until(lambda: shown() == "STATUS=ready", 60.0, "ready when the port is free")
-        # systemd is told before the words are written
+        # systemd is notified before the line is written
         until(lambda: "dehyst run: ready" in service.words(), 10.0, "the same in words")
         with service.client() as client:
             status = client.status()
@@ -233,7 +234,7 @@ def test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready(
             assert status.gateway.starts_refused >= 3
             assert status.gateway.unreachable_s > sum(pauses[:2])
             assert "cannot listen on" in status.gateway.refused_because
-        os.kill(status.gateway.pid, signal.SIGKILL)  # what comes after it has not waited
+        os.kill(status.gateway.pid, signal.SIGKILL)  # the next one had no refused start
         until(lambda: service.words().count("listens at") == 2, 60.0, "the next gateway")
         with service.client() as client:
             assert client.status().gateway.starts_refused == 0
@@ -243,7 +244,7 @@ def test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready(
 def test_who_was_started_by_a_supervisor_that_has_gone_ends_at_once(
     tmp_path: Path, model: Path, command: str
 ) -> None:
-    """It died before the kernel could be asked to tell its children."""
+    """The supervisor died before the kernel could be asked to signal its children."""
     with subprocess.Popen(["true"]) as gone:
         gone.wait()
     path = simulated_config(tmp_path, 100.0, model)
@@ -284,7 +285,7 @@ def test_a_storm_of_sighups_takes_one_thread_and_few_reloads(service: Service) -
         time.sleep(0.01)
     time.sleep(1.5)
     assert sent > 100
-    assert most <= threads + 2  # the reload's, and one that a library may start
+    assert most <= threads + 2  # one for the reload, one that a library may start
     reloads = service.rings.events().count("model reloaded")
     assert 1 <= reloads <= 7  # in 5.5 s, with a second's rest after each
     records = service.rings.read("telemetry")

@@ -1,6 +1,6 @@
-"""`dehyst run` with three axes behind one emulated amplifier, by its own commands; real processes.
+"""`dehyst run` with three axes on one emulated amplifier, through its own commands; real processes.
 
-The amplifier's own word is the witness of the outputs.
+The amplifier's own report is the evidence of the outputs.
 """
 
 import contextlib
@@ -42,7 +42,7 @@ voltage_v = 10.0
 
 
 class Stage:
-    """Bench and supervisor."""
+    """An emulated bench and its supervisor."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.log = folder, folder / "run.txt"
@@ -94,7 +94,7 @@ class Stage:
         return found[-1]
 
     def run(self, *arguments: str) -> tuple[int, str, str]:
-        """A command in this process: (exit code, stdout, stderr)."""
+        """Run a command in this process; return (exit code, stdout, stderr)."""
         out, err = io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             code = main([*arguments, "--to", "stage-1", "--connect", self.address])
@@ -149,14 +149,14 @@ def test_a_file_with_two_axes_is_played_and_recorded(stage: Stage, tmp_path: Pat
     recorder.communicate(timeout=60)
     table = read_recording(tmp_path / "rec-x.csv")
     other = read_recording(tmp_path / "rec-y.csv")
-    # y in x's recording is y's own, sample by sample
+    # the channel of y in x's recording equals y's own recording, sample by sample
     beside = table.channels["axis.y"]
     assert other.displacement is not None
     assert np.array_equal(table.t_s, other.t_s)
     assert np.array_equal(beside, other.displacement, equal_nan=True)
     drive = table.channels["axis.y.drive"]
     assert np.array_equal(drive, other.drive, equal_nan=True)
-    assert np.nanmax(np.abs(np.diff(drive))) > 1.0  # and moved
+    assert np.nanmax(np.abs(np.diff(drive))) > 1.0  # y has moved
 
 
 def test_send_needs_to_know_which_axis(stage: Stage) -> None:
@@ -180,7 +180,7 @@ def test_the_death_of_the_core_brings_every_output_to_its_own_safe_voltage(stage
         for axis, volts in SAFE_V.items():
             assert f"output of stage-1-{axis} at {volts:.3f} V" in stage.words()
         until(lambda: stage.core_pid() != pid, 120.0, "a new loop")
-        with pytest.raises(Refusal):  # nothing that was commanded before goes on by itself
+        with pytest.raises(Refusal):  # nothing that was commanded before resumes by itself
             group["x"].chunk(5, 3, np.array([0, 20_000_000]), np.array([6.0, 6.1]), True)
 
 

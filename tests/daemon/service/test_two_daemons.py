@@ -22,7 +22,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def refusal(*arguments: str) -> str:
-    """What a command says that must end with 2 and one line."""
+    """Return what a command prints that must end with exit status 2."""
     process = dehyst(*arguments)
     _, words = process.communicate(timeout=60)
     assert process.returncode == 2, words
@@ -48,7 +48,7 @@ def test_a_second_one_on_the_same_run_folder_names_the_first(
 
 
 def test_a_second_run_of_the_same_name_is_refused(tmp_path: Path, model: Path) -> None:
-    """Two configurations, two amplifiers, one name and the default run folder."""
+    """The two configurations have two amplifiers, one name and the default run folder."""
     paths = []
     for name in ("a", "b"):
         folder = tmp_path / name
@@ -84,7 +84,7 @@ def test_a_second_run_of_the_same_name_is_refused(tmp_path: Path, model: Path) -
 
 
 def test_one_port_two_run_folders(tmp_path: Path, model: Path) -> None:
-    """The amplifier's port is held by one process; the second hears by which."""
+    """One process holds the amplifier's port; the second one is refused and names it."""
     bench = EmulatedBench(tmp_path)
     try:
         config = bench.config(100.0, model)
