@@ -1,4 +1,4 @@
-"""The columns of other axes, in files and as channels; pandas and numpy read them as they are."""
+"""The columns of other axes, in files and as channels; pandas and numpy read them unchanged."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ ROWS = "0,1,2,3,4000,5,6,7\n0.1,2,3,4,5000,6,7,8\n0.2,3,4,5,6000,7,8,9\n"
 
 
 def test_other_axes_are_channels(tmp_path: Path) -> None:
-    import pandas  # half a second of every worker that imports it
+    import pandas  # would cost every worker half a second
 
     path = tmp_path / "rec.csv"
     path.write_text(f"{HEADER}\n{ROWS}")

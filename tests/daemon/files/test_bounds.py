@@ -1,4 +1,4 @@
-"""Files that are meant to do harm: one line, exit 2, within bounds of time and memory."""
+"""Malicious files are refused in one line with exit status 2, within bounds of time and memory."""
 
 import gzip
 import io
@@ -31,7 +31,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
-    """Run a command; its one line."""
+    """Run a command that must be refused; return its one line."""
     assert main(list(words)) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
@@ -40,7 +40,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
 
 
 def changed(key: str, value: str, text: str = "") -> str:
-    """The model's text with another value for a key."""
+    """Return the model's text with another value for a key."""
     out, count = re.subn(
         rf"(?m)^{key} = (\[[^\]]*\]|.*)$", f"{key} = {value}", text or model_text()
     )
@@ -113,8 +113,8 @@ def test_absurd_names_end_in_one_line(capsys: pytest.CaptureFixture[str]) -> Non
 def test_an_array_header_that_is_no_python_ends_in_one_line(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """numpy reads the header of an array as a Python literal, and lets its tokenizer's errors
-    out."""
+    """numpy reads the header of an array as a Python literal, and lets errors of the tokenizer
+    escape."""
     header = {
         "token": b"{'descr': '<f8', 'fortran_order': False, 'shape': (3,",
         "type": b"{'descr': [1, 2], 'fortran_order': False, 'shape': (3,), }",
@@ -137,8 +137,9 @@ def test_keys(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def bomb_npz() -> None:
-    """2 GiB of zeros, packed once and repeated: a block behind a full flush refers to none before.
-    The member is written as stored; then both its headers (APPNOTE 4.3.7, 4.3.12) say deflated."""
+    """Write 2 GiB of zeros, packed once and repeated: a block after a full flush refers to none
+    before. The member is written as stored; then both its headers (APPNOTE 4.3.7, 4.3.12) are
+    changed to deflated."""
     head, zeros, packer = io.BytesIO(), bytes(8 << 20), zlib.compressobj(1, zlib.DEFLATED, -15)
     array = {"descr": "<f8", "fortran_order": False, "shape": (1 << 28,)}
     np.lib.format.write_array_header_1_0(head, array)
@@ -158,7 +159,7 @@ def bomb_npz() -> None:
 
 
 def test_the_archive_of_zeros_is_a_whole_one() -> None:
-    """What refuses it refuses its size, not damage."""
+    """It must be refused for its size, not for damage."""
     bomb_npz()
     with zipfile.ZipFile("bomb.npz") as members, members.open("u_v.npy") as member:
         assert members.getinfo("u_v.npy").compress_size < 16 << 20
@@ -168,7 +169,7 @@ def test_the_archive_of_zeros_is_a_whole_one() -> None:
 
 
 def bomb_gz() -> None:
-    """Members one behind the other are one text, by RFC 1952."""
+    """Concatenated members are one text, by RFC 1952."""
     block = gzip.compress(b"0,0,0\n" * 100_000)
     Path("bomb.csv.gz").write_bytes(gzip.compress(b"t_s,u_v,y_um\n") + 1500 * block)
 
@@ -226,5 +227,5 @@ def test_bombs(what: str) -> None:
     text = Path("said").read_text()
     assert process.returncode == 2, text
     assert text.count("\n") == 1
-    assert used.ru_utime + used.ru_stime < 5.0  # of a processor, the imports included
+    assert used.ru_utime + used.ru_stime < 5.0  # of processor time, imports included
     assert used.ru_maxrss < 1 << 20  # kB

@@ -1,4 +1,4 @@
-"""Which model the loop is to run."""
+"""Which model the loop runs."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Recordings as MCAP: the same bits back, by our reader and by the format's own."""
+"""Recordings as MCAP are read back bit by bit, by this project's reader and by the format's own."""
 
 import json
 from pathlib import Path
@@ -58,7 +58,7 @@ def test_the_formats_own_reader_sees_rows_with_their_times_and_a_schema(tmp_path
     assert [round(row["t_s"] * 1e9) for _, _, row in rows] == [ns - first_ns for _, ns, _ in rows]
     assert "y_um" not in rows[3][2]  # missing
     kinds = json.loads(schema.data)["properties"].values()
-    assert {kind["type"] for kind in kinds} == {"number"}  # all that Foxglove takes
+    assert {kind["type"] for kind in kinds} == {"number"}  # the only type Foxglove accepts
 
 
 def test_a_damaged_file_is_refused_in_one_line(tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ def test_a_damaged_file_is_refused_in_one_line(tmp_path: Path) -> None:
             read = read_recording(bad)
         except BadRecording as error:
             said.append(str(error))
-        else:  # what holds no number may be damaged: the numbers are the same
+        else:  # damage where no number is stored
             assert np.array_equal(read.t_s, t_s)
             assert np.array_equal(read.drive, columns["u_v"])
     assert len(said) > 30

@@ -1,5 +1,5 @@
-"""Files as other programs write them, made here by the very library, or as the program's own format
-says: what is read, what is asked for."""
+"""Files of other programs, made here by the library itself or as the program's format specifies:
+what is read, and what the user is asked for."""
 
 import subprocess
 import sys
@@ -90,7 +90,7 @@ runpy.run_module('dehyst.daemon.files.foreign.apart', run_name='__main__')
 
 
 def use_reader(monkeypatch: pytest.MonkeyPatch, program: str) -> None:
-    """Readers run this program instead."""
+    """Replace the program that readers run."""
     pytest.importorskip("h5py")
     run = subprocess.run
 
@@ -111,7 +111,7 @@ def test_a_small_file_does_not_keep_a_library_busy_for_long(
 
 
 def test_a_name_of_several_lines_is_said_in_one(tmp_path: Path) -> None:
-    """Where a file of dehyst's own form has it, and where one of another program."""
+    """In a file of dehyst's own form, and in one of another program."""
     for t_s in ("t_s", "Time (s)"):
         path = tmp_path / "a.npz"
         np.savez(path, **{t_s: T, "u_v": U, "y\n\x1b[2J": Y, "big\nger": 1e200 * Y})
@@ -213,7 +213,7 @@ def test_columns_that_say_nothing_are_refused(text: str) -> None:
 def test_who_lacks_the_library_is_asked_to_install_the_extra(
     tmp_path: Path, name: str, module: str, extra: str
 ) -> None:
-    """In a process where that module cannot be imported."""
+    """Runs in a process in which that module cannot be imported."""
     KINDS[name][0](tmp_path / name)
     program = (
         "import sys; sys.modules[sys.argv[1]] = None; import runpy\n"

@@ -1,4 +1,4 @@
-"""Every CSV that dehyst writes is read by pandas and by numpy, as it is, with one call."""
+"""pandas and numpy read every CSV that dehyst writes, unchanged and with one call."""
 
 import json
 from array import array
@@ -14,7 +14,7 @@ from dehyst.drivers.emulated.bench import BenchLog
 
 
 def model_and_inputs(folder: Path) -> tuple[str, str]:
-    """(a drive, a trajectory) as files for the paper's model."""
+    """Write a drive and a trajectory for the paper's model; return their paths."""
     t_s = 0.001 * np.arange(400)
     write_recording(folder / "in.csv", t_s, {"u_v": 5 + 4 * np.sin(9 * t_s)}, {"a": "b, c"})
     write_recording(folder / "way.csv", t_s, {"target_um": 5 + 2 * np.sin(9 * t_s)}, {"a": "b"})
@@ -22,7 +22,7 @@ def model_and_inputs(folder: Path) -> tuple[str, str]:
 
 
 def writers(folder: Path) -> dict[str, Path]:
-    """One CSV of each kind that a command writes."""
+    """Write one CSV of each kind that a command writes; return the paths by name."""
     drive, way = model_and_inputs(folder)
     write(folder / "record.csv", telemetry(500))
     write(folder / "record.csv.gz", telemetry(500))
@@ -47,7 +47,7 @@ def writers(folder: Path) -> dict[str, Path]:
 def test_pandas_and_numpy_read_every_csv(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pandas = pytest.importorskip("pandas")  # half a second of every worker that imports it
+    pandas = pytest.importorskip("pandas")  # would cost every worker half a second
     files = writers(tmp_path)
     capsys.readouterr()
     assert len(files) == 10

@@ -1,4 +1,5 @@
-"""Telemetry into every kind of file, in one and in pieces: no row lost, bounds kept, full disks."""
+"""Telemetry is written to every kind of file, in one or in pieces: no row is lost, bounds are kept,
+and full disks are reported."""
 
 import gzip
 import json
@@ -30,7 +31,7 @@ WALL_OFFSET_NS = 1_767_323_045 * 10**9  # 2026-01-02 03:04:05 UTC
 
 
 def telemetry(rows: int, first: int = 0) -> np.ndarray:
-    """Ten thousand samples a second, with noise in every bit, and readings and targets missing."""
+    """Return samples at 10 kHz, with noise in every bit, and with readings and targets missing."""
     rng = np.random.default_rng(7)
     out = np.zeros(rows, TELEMETRY)
     out["seq"] = first + np.arange(rows)
@@ -44,7 +45,7 @@ def telemetry(rows: int, first: int = 0) -> np.ndarray:
 
 
 def expected(samples: np.ndarray) -> dict[str, np.ndarray]:
-    """The columns by the recorder's own description, for a gain of 15 and an origin of 2."""
+    """Return the columns as the recorder describes them, for a gain of 15 and an origin of 2."""
     drive = np.full(samples.size, np.nan)
     drive[1:] = samples["volts"][:-1] / 15.0
     return {
@@ -81,7 +82,7 @@ def test_every_kind_holds_every_row_to_the_last_bit(tmp_path: Path, kind: str) -
     found, notes = read_columns(path)
     assert same(found, expected(samples))
     assert notes["note"].split() == ["two", "lines"]
-    assert notes["started"] == "2026-01-02T03:04:10.000000+00:00"  # the first sample is 5 s on
+    assert notes["started"] == "2026-01-02T03:04:10.000000+00:00"  # the first sample is at 5 s
 
 
 def test_the_formats_own_reader_sees_what_the_csv_has(tmp_path: Path) -> None:
@@ -94,7 +95,7 @@ def test_the_formats_own_reader_sees_what_the_csv_has(tmp_path: Path) -> None:
         kinds = json.loads(next(iter(reader.get_summary().schemas.values())).data)["properties"]
         messages = [(m.log_time, json.loads(m.data)) for _, _, m in reader.iter_messages()]
     assert list(kinds) == list(csv)
-    assert {kind["type"] for kind in kinds.values()} == {"number"}  # all that Foxglove takes
+    assert {kind["type"] for kind in kinds.values()} == {"number"}  # the only type Foxglove accepts
     for name, column in csv.items():
         found = np.array([row.get(name, np.nan) for _, row in messages])
         assert np.array_equal(found, column, equal_nan=True)
@@ -137,7 +138,7 @@ def test_the_disk_holds_no_more_than_it_may(tmp_path: Path, kind: str) -> None:
     last = [read_columns(piece)[0] for piece in file.pieces.made]
     t_s = np.concatenate([part["t_s"] for part in last])
     assert t_s[-1] == pytest.approx((rows - 1) / RATE_HZ)
-    assert np.allclose(np.diff(t_s), 1 / RATE_HZ)  # the newest, without a hole
+    assert np.allclose(np.diff(t_s), 1 / RATE_HZ)  # the newest, without a gap
 
 
 def test_pieces_of_an_earlier_recording_stay_unless_forced(tmp_path: Path) -> None:
@@ -207,7 +208,7 @@ while True:
 
 
 def whole_part(path: Path) -> np.ndarray:
-    """The times of what `dehyst convert --unfinished` keeps."""
+    """Return the times of the rows that `dehyst convert --unfinished` keeps."""
     whole = path.with_name(f"whole-{path.name}")
     assert main(["convert", "--unfinished", str(path), str(whole), "--force"]) == 0
     return read_columns(whole)[0]["t_s"]
@@ -250,7 +251,7 @@ def test_a_kill_costs_no_more_than_what_was_held(tmp_path: Path, kind: str, rate
     t_s = whole_part(path)
     assert t_s.size >= done - HELD_S * rate_hz - 100
     assert np.allclose(t_s, np.arange(t_s.size) / rate_hz)
-    if kind in ("npz", "mcap"):  # the others have it beside them
+    if kind in ("npz", "mcap"):  # the others have a separate file of notes
         assert read_columns(path.with_name(f"whole-{path.name}"))[1]["stage"] == "P-885"
 
 
@@ -279,7 +280,7 @@ def test_a_file_that_is_deleted_while_it_grows_is_an_error(tmp_path: Path, kind:
         (b"0.3,1,2", 2),
         (bytes(4096), 2),
         (b"0.3,1,2\n" + bytes(9), 3),
-        (b"0.3,1,2\n" + bytes(9) + b"\n0.5,1,2\n", 3),  # a block that the disk never got
+        (b"0.3,1,2\n" + bytes(9) + b"\n0.5,1,2\n", 3),  # a block that never reached the disk
     ],
 )
 def test_an_unfinished_csv_is_read_to_its_last_whole_line(

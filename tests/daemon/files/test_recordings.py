@@ -1,4 +1,5 @@
-"""Reading and writing recordings: same bits back, damage in one clear line, gaps reported."""
+"""Recordings are read and written bit by bit; damage is reported in one clear line, and gaps are
+reported."""
 
 import gzip
 import os
@@ -47,7 +48,7 @@ DAMAGED = {
 }
 
 
-# scipy's reader of .mat files runs in a process of its own
+# scipy's reader of .mat files runs in its own process
 @pytest.mark.parametrize(
     "name",
     [pytest.param(n, marks=pytest.mark.processes if n.endswith(".mat") else ()) for n in DAMAGED],

@@ -1,4 +1,4 @@
-"""Times as files have them: cut where the clock went back, rebuilt where they are rounded."""
+"""The times of a file are cut where the clock went back, and rebuilt where they are rounded."""
 
 import numpy as np
 import pytest

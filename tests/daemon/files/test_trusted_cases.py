@@ -1,4 +1,5 @@
-"""Cases are read from a folder of the user's own alone: an accepted model comes from it."""
+"""Cases are read only from a folder that is the user's own, because an accepted model comes from
+it."""
 
 import os
 from pathlib import Path
