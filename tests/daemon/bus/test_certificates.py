@@ -1,4 +1,4 @@
-"""Keys: what is built is parsed back; zenoh itself decides what matches."""
+"""Keys of the bus: a key that is built is parsed back; zenoh itself decides what matches."""
 
 import pytest
 import zenoh
@@ -18,7 +18,7 @@ def test_built_keys_parse_back(base: str, name: str, subject: str, source: str) 
     assert keys.parse(keys.pubsub(subject, source)) == ParsedKey(name, "pubsub", subject, source)
     assert keys.parse(keys.rpc("model")) == ParsedKey(name, "rpc", "model")
     assert keys.parse(keys.alive()) == ParsedKey(name, "alive")
-    zenoh.KeyExpr(keys.pubsub(subject, source))  # zenoh takes it
+    zenoh.KeyExpr(keys.pubsub(subject, source))  # zenoh accepts it
 
 
 @given(st.text(max_size=60))

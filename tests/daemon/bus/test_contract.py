@@ -1,4 +1,4 @@
-"""The contract of the bus: schemas and bytes as committed, and readers of other versions."""
+"""The contract of the bus: schemas and bytes as committed, and messages of other versions."""
 
 import json
 import math
@@ -28,7 +28,7 @@ EVERY = [
 
 
 def plain(value: Any) -> Any:
-    """Builtins of JSON, as the vectors write them."""
+    """Return the builtins of JSON, as the vectors write them."""
     if isinstance(value, bytes):
         return {"bin": value.hex()}
     if isinstance(value, dict):
@@ -41,7 +41,7 @@ def plain(value: Any) -> Any:
 
 
 def is_within(wanted: Any, found: Any) -> bool:
-    """Whether everything that is wanted was found; further fields do not matter."""
+    """Return whether everything that is wanted was found; further fields are ignored."""
     if isinstance(wanted, dict):
         return isinstance(found, dict) and all(
             key in found and is_within(value, found[key]) for key, value in wanted.items()
@@ -74,7 +74,7 @@ def test_recorded_bytes_are_read_and_mean_what_they_meant(vector: dict[str, Any]
 
 
 def with_more(value: Any, more: Any) -> Any:
-    """The same message of a later version: one more field in every map."""
+    """Return the message of a later version: one more field in every map."""
     if isinstance(value, dict):
         return {key: with_more(one, more) for key, one in value.items()} | {"of_later": more}
     if isinstance(value, list):
@@ -109,7 +109,7 @@ def test_a_field_that_was_added_has_a_default_and_raised_the_version() -> None:
 
 
 def test_what_is_needed_is_still_needed() -> None:
-    """Additive is not lax: a known field that is missing or of another type is refused."""
+    """Compatibility is not laxity: a known field that is missing or of another type is refused."""
     good = msgpack.unpackb(bytes.fromhex(vectors("vectors.json")[0]["hex"]))
     for bad in ({**good, "value": "4.5"}, {k: v for k, v in good.items() if k != "value"}):
         with pytest.raises(encoding.BadMessage):

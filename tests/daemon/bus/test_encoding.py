@@ -1,5 +1,5 @@
-"""Messages: plain msgpack for everybody else, strict for us; whatever comes, it is a message or
-BadMessage."""
+"""Messages are plain msgpack for other programs and strictly validated here; any payload is a
+message or raises BadMessage."""
 
 import pickle
 import random
@@ -59,7 +59,7 @@ def test_telemetry_keeps_every_bit(samples: np.ndarray) -> None:
     payload = encoding.encode(encoding.batch(samples, 7, "um", -5))
     message = encoding.decode(messages.TelemetryBatch, payload)
     assert encoding.samples(message).tobytes() == samples.tobytes() or not samples.size
-    plain = msgpack.unpackb(payload)  # what a program in another language does
+    plain = msgpack.unpackb(payload)  # as a program in another language reads it
     assert np.array_equal(np.frombuffer(plain["volts"], "<f8"), samples["volts"], equal_nan=True)
 
 
@@ -70,7 +70,7 @@ def test_telemetry_keeps_every_bit(samples: np.ndarray) -> None:
 @example(b"\x91" * 400)
 @example(b"\x81\xa6schema" * 40)
 @example(pickle.dumps(random.Random()))
-@example(b"\x80")  # an empty map: without a schema it is no question for the whole history
+@example(b"\x80")  # an empty map: without a schema it does not request the whole history
 @example(msgpack.packb({"version": 1, "seconds": 1.0}))
 @example(msgpack.packb({"schema": "dehyst.history"}))
 def test_arbitrary_bytes_are_refused(payload: bytes) -> None:

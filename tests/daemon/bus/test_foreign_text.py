@@ -1,4 +1,4 @@
-"""What others write on the bus locks nobody out and commands no terminal."""
+"""Text that others write on the bus locks nobody out and does not control a terminal."""
 
 import json
 
@@ -14,7 +14,7 @@ COLOUR = "\x1b]0;owned\x07\x9b31m"
 
 
 def dehyst(bench: Bench, *words: str, code: int = 0) -> tuple[str, str]:
-    """What a command prints."""
+    """Run a command; return (stdout, stderr), which must be free of control characters."""
     ended, out, err = run(*words, bench=bench)
     assert ended == code, err
     assert not {"\x1b", "\x07", "\x9b"} & set(out + err)
@@ -42,7 +42,7 @@ def test_an_odd_token_is_passed_over_and_named(
 
 def test_a_label_commands_no_terminal(shared: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DEHYST_CONNECT", shared.address)
-    with Client(label=COLOUR) as client:  # the address is the environment's
+    with Client(label=COLOUR) as client:  # the address comes from the environment
         client.acquire()
         with renewed(client):
             _, said = dehyst(shared, "send", "5", code=2)

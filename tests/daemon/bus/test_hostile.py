@@ -1,4 +1,4 @@
-"""Connections and subscribers that do not behave cost the others nothing."""
+"""Connections and subscribers that misbehave do not affect the others."""
 
 import subprocess
 import sys
@@ -19,7 +19,7 @@ LONGEST_SILENCE_S = 0.5
 
 
 class Ear:
-    """What one client heard, and when."""
+    """The times at which one client received something."""
 
     def __init__(self, bus: Bus, key: str) -> None:
         self.times: list[float] = []
@@ -27,7 +27,7 @@ class Ear:
 
     @property
     def longest_silence_s(self) -> float:
-        """Until now: what has fallen silent counts too."""
+        """The longest silence until now [s]: if nothing more arrives, that counts too."""
         return float(np.diff([*self.times, time.monotonic()]).max())
 
 
@@ -56,7 +56,7 @@ def test_subscribers_that_do_not_read_cost_nobody_else_anything(tmp_path: Path) 
         assert operator.status().gateway.links == 2 + DEAF
         end = time.monotonic() + 90.0
         while time.monotonic() < end and operator.status().gateway.links > 2:
-            for act in (lambda: operator.send(2.0), operator.release):  # every change is a status
+            for act in (lambda: operator.send(2.0), operator.release):  # each change is a status
                 act()
                 samples.read(0.05)
         assert operator.status().gateway.links == 2

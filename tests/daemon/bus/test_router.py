@@ -1,4 +1,5 @@
-"""Controllers behind a zenoh router: the shipped configurations, run by the shipped program."""
+"""Controllers connected through a zenoh router, with the shipped configurations and the shipped
+program."""
 
 import json
 import subprocess
@@ -35,7 +36,7 @@ EXAMPLES = ROOT / "docs" / "examples"
 
 @contextmanager
 def router(folder: Path, name: str, address: str) -> Iterator["subprocess.Popen[str]"]:
-    """A router with a shipped configuration; only its address differs."""
+    """Run a router with a shipped configuration; only its address differs."""
     endpoints = f"listen/endpoints={json.dumps([address])}"
     command = [sys.executable, str(EXAMPLES / "router.py"), str(EXAMPLES / name), endpoints]
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
@@ -50,7 +51,7 @@ def router(folder: Path, name: str, address: str) -> Iterator["subprocess.Popen[
 
 
 def behind(folder: Path, name: str, address: str, auth: str = "") -> Bench:
-    """A running loop and gateway that listen on nothing and connect to the router alone."""
+    """Return a running loop and gateway that listen on nothing and connect only to the router."""
     folder.mkdir(exist_ok=True)
     bus = f'\nbus = {{listen = [], connect = ["{address}"]{auth}}} #'
     bench = Bench(folder, **{"\nbus = {": bus, '"bench"': f'"{name}"'})
@@ -60,13 +61,13 @@ def behind(folder: Path, name: str, address: str, auth: str = "") -> Bench:
 
 
 def wait_for(name: str, address: str, credentials: str = "") -> None:
-    """Until a controller is seen through the router: a process takes its time to start."""
+    """Wait until a controller is visible through the router: a process takes time to start."""
     with Bus.connect([address], 20.0, client_settings(credentials)) as bus:
         wait_until(f"{name} is found", lambda: name in daemons(bus), 60.0)
 
 
 def listening(pid: int) -> list[str]:
-    """Local addresses on which a process listens."""
+    """Return the local addresses on which a process listens."""
     inodes = set()
     for fd in Path(f"/proc/{pid}/fd").iterdir():
         inodes.add(str(fd.readlink()))
@@ -93,7 +94,7 @@ def test_a_second_daemon_of_a_name_behind_the_same_router_is_refused(tmp_path: P
             assert done.returncode == 2, done.stderr
             assert "a daemon named stage-01 is on the bus" in done.stderr
             assert f"process {first.gateway.pid} " in done.stderr
-            first.kill_gateway()  # a gateway that comes back is no namesake of itself
+            first.kill_gateway()  # a restarted gateway is not refused because of itself
             first.start_gateway()
             wait_for("stage-01", address)
         finally:
@@ -132,7 +133,7 @@ def test_clients_find_and_command_controllers_through_a_router(
             out = capsys.readouterr().out.splitlines()
             assert [line.split()[0] for line in out] == ["stage-01", "stage-02"]
             assert "running" in out[1]
-        # without a router nobody is reached, the loop goes on, and all of it comes back
+        # without a router nobody is reached; the loop continues, and everything comes back
         run, before = stream.run, stream.next_seq
         with router(tmp_path, "router.json5", address):
 
@@ -149,9 +150,10 @@ def test_clients_find_and_command_controllers_through_a_router(
             bench.close()
 
 
-@pytest.mark.timeout(300)  # ten processes start; on a busy machine that takes its time
+@pytest.mark.timeout(300)  # ten processes start, which takes time on a busy machine
 def test_nothing_is_lost_between_two_daemons_and_four_subscribers() -> None:
-    """The benchmark for 20 and 50, made small (`dehyst run`, real loops on the simulated stage)."""
+    """The benchmark for 20 daemons and 50 subscribers, made small (`dehyst run`, real loops on the
+    simulated stage)."""
     result = controllers.run(2, 4, 4.0)
     assert result.samples > 4 * 100
     assert (result.lost, result.bad, result.overwritten) == (0, 0, 0)
@@ -162,7 +164,7 @@ def test_nothing_is_lost_between_two_daemons_and_four_subscribers() -> None:
 
 
 class Lab:
-    """The controller stage-01 behind a secured router. Credentials are in keys/NAME."""
+    """The controller stage-01 connected through a secured router. Credentials are in keys/NAME."""
 
     def __init__(self, folder: Path, address: str) -> None:
         self.folder, self.address = folder, address
@@ -172,11 +174,11 @@ class Lab:
         wait_for("stage-01", address, f"{folder}/keys/alice")
 
     def session(self, name: str) -> Bus:
-        """Bare session with somebody's credentials."""
+        """Return a bare session with somebody's credentials."""
         return Bus.connect([self.address], security=client_settings(str(self.folder / name)))
 
     def client(self, name: str) -> Client:
-        """A client with somebody's credentials."""
+        """Return a client with somebody's credentials."""
         client = Client("stage-01", self.address, credentials=str(self.folder / "keys" / name))
         self.bench.clients.append(client)
         return client
@@ -186,7 +188,7 @@ NAMES = ["stage-01", "stage-02", "alice", "bob", "carol"]
 
 
 def certificates(folder: Path) -> None:
-    """Those of `dehyst keys`; others/alice comes from somebody else."""
+    """Make certificates with `dehyst keys`; those of others/alice come from another authority."""
     made = [x for name in NAMES for x in ("--client", name)]
     host = ["--controller", "router", "--host", "127.0.0.1"]
     assert main(["keys", str(folder / "keys"), *host, *made]) == 0
@@ -194,7 +196,7 @@ def certificates(folder: Path) -> None:
 
 
 def passwords(folder: Path) -> None:
-    """Files of name:password lines; others/alice has another one."""
+    """Write files of name:password lines; others/alice has another password."""
     lines = {name: f"{name}:the word of {name}\n" for name in NAMES}
     files = {f"keys/{name}": line for name, line in lines.items()}
     files |= {"keys/passwords": "".join(lines.values()), "others/alice": "alice:a mere guess\n"}

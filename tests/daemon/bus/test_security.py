@@ -65,7 +65,7 @@ class Secured:
 def bench_of_kind(
     tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
 ) -> Iterator[Secured]:
-    """What `secured` hands out."""
+    """The bench that `secured` returns."""
     secured = Secured(tmp_path_factory.mktemp(request.param), request.param)
     try:
         yield secured
@@ -75,7 +75,7 @@ def bench_of_kind(
 
 @pytest.fixture
 def secured(bench_of_kind: Secured) -> Secured:
-    """A running bench that nobody commands; the clients of the test before are gone."""
+    """A running bench that nobody commands; the clients of the previous test are closed."""
     clients = bench_of_kind.bench.clients
     while clients:
         clients.pop().close()
@@ -93,8 +93,8 @@ def test_operator_commands_observer_sees_nobody_else_connects(secured: Secured) 
     observer.bus.listen(observer.keys.setpoints(), lambda _, payload: overheard.append(payload))
     stream, targets = observer_only_hears(operator, observer)
     assert observer.config().name == "bench"
-    assert overheard == []  # set-points, with the number of the lease in them, go to the daemon
-    # the observer puts anyway, as if it had overheard: set-points and telemetry
+    assert overheard == []  # set-points contain the number of the lease and go only to the daemon
+    # the observer sends set-points and telemetry nevertheless, as if it had overheard them
     forged = forged_setpoint(operator)
     key = observer.keys.pubsub("setpoint_um", "1")
     observer.bus.sender(key, topics.SETPOINT).put(encoding.encode(forged))

@@ -23,7 +23,7 @@ def address() -> str:
 
 
 def test_a_client_that_takes_nothing_for_3_s_is_ended_by_the_kernel(address: str) -> None:
-    """Read from the gateway's own sockets, whatever the machine is busy with."""
+    """The limit is read from the gateway's own sockets, so the machine's load does not matter."""
     with Bus.serve([address], []), Bus.connect([address]):
         port, limits = int(address.rpartition(":")[2]), []
         for name in os.listdir("/proc/self/fd"):
@@ -31,7 +31,7 @@ def test_a_client_that_takes_nothing_for_3_s_is_ended_by_the_kernel(address: str
                 continue
             with socket.socket(fileno=os.dup(int(name))) as one:
                 here = one.getsockname() if one.family == socket.AF_INET else ()
-                if here and here[1] == port:  # listening, and the link to the client
+                if here and here[1] == port:  # the listener, and the link to the client
                     limits.append(one.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT))
     assert len(limits) == 2
     assert set(limits) == {3000}
@@ -49,12 +49,12 @@ def test_publish_ask_and_see_who_is_there(address: str) -> None:
         server.answer("lab/@v1/a/rpc/x", answer)
         server.answer("lab/@v1/a/rpc/no", lambda asked: (asked.refuse("not today"), asked.done()))
         server.listen("lab/@v1/a/pubsub/setpoint_$*/*", lambda k, p: got.append((k, p)))
-        server.announce("lab/@v1/a/alive")  # the last: who sees it may ask
+        server.announce("lab/@v1/a/alive")  # last, because whoever sees it may ask
         with Bus.connect([address]) as client:
             wait_until(
                 "it is there", lambda: client.alive("lab/@v1/*/alive") == ["lab/@v1/a/alive"]
             )
-            # asked short, an answer may be dropped where the link stays full
+            # without `long`, an answer may be dropped if the link stays full
             reported = list(client.ask("lab/@v1/a/rpc/x", b"three", long=True))
             assert reported == [b"one", b"two", b"three"]
             with pytest.raises(BusError, match="not today"):
@@ -73,7 +73,7 @@ def test_publish_ask_and_see_who_is_there(address: str) -> None:
 def test_closed_from_a_daemon_thread_it_leaves_no_thread_to_the_interpreters_end(
     address: str,
 ) -> None:
-    """Such a thread aborts the program where it wakes while the interpreter ends."""
+    """Such a thread aborts the program if it wakes while the interpreter ends."""
     entered, leave, opened, end = (threading.Event() for _ in range(4))
     before = set(threading.enumerate())
 

@@ -1,4 +1,4 @@
-"""What is set on the sockets of this process, beside files that are none."""
+"""The options that are set on the sockets of this process, among files that are not sockets."""
 
 import os
 import socket

@@ -1,5 +1,5 @@
-"""Clients and daemons of different versions on real sessions: what works goes on, the rest is said
-in words. And a client that has nothing but zenoh and msgpack."""
+"""Clients and daemons of different versions on real sessions: what is compatible works, the rest is
+refused with a reason. Also a client that uses only zenoh and msgpack."""
 
 import subprocess
 import sys
@@ -24,7 +24,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
 
 
 def test_a_client_of_the_older_keys_is_reported_in_words(bench: Bench) -> None:
-    """What the client of 0.1.0 does: it finds the token, asks for the status, shows the error."""
+    """As the client of 0.1.0 does: find the token, ask for the status, show the error."""
     with Bus.connect([bench.address]) as bus:
         assert list(bus.alive("dehyst/@v0/*/alive")) == ["dehyst/@v0/bench/alive"]
         with pytest.raises(BusError, match=r"refused: .*speaks @v1 of the bus; update the client"):
