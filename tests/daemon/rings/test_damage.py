@@ -1,5 +1,5 @@
-"""Rings that are cut short or overwritten while they are used: said, mended, counted; and nothing
-that they hold is believed.
+"""Rings that are cut short or overwritten while in use: the damage is reported, repaired and
+counted, and no content is trusted.
 
 The digest is compared with FNV-1a written out here.
 """
@@ -38,7 +38,7 @@ def filled(path: Path, count: int = 6, capacity: int = 8) -> Ring:
 
 
 def fnv1a(data: bytes, number: int) -> int:
-    """64 bits, of the number and the bytes."""
+    """Return the 64-bit FNV-1a hash of the number and the bytes."""
     value = (14695981039346656037 ^ (number & (2**64 - 1))) * 1099511628211 % 2**64
     for byte in data:
         value = (value ^ byte) * 1099511628211 % 2**64
@@ -94,7 +94,7 @@ def test_random_bytes_anywhere_stop_nobody(
     seen, tail, _ = reader.read(tail)
     assert set(seen["a"].tolist()) <= set(range(6)) | {100}
     writer.push((101, 50.5))
-    assert reader.read(tail)[0]["a"].tolist() == [101]  # at the latest it goes on with the next
+    assert reader.read(tail)[0]["a"].tolist() == [101]  # works from the next record on
     Ring.attach(path, PAIR)
 
 
@@ -116,7 +116,8 @@ def test_a_ring_cut_short_is_refused_by_name_and_mended_by_its_writer(
 
 
 def test_a_reader_of_the_file_survives_what_ends_one_of_the_mapping(tmp_path: Path) -> None:
-    """SIGBUS is why the supervisor and `dehyst safe` map nothing."""
+    """A mapping would end the process with SIGBUS, so the supervisor and `dehyst safe` map
+    nothing."""
     path = tmp_path / "r"
     filled(path, capacity=100_000)
     reader = RingFile(path, PAIR)
@@ -128,7 +129,7 @@ def test_a_reader_of_the_file_survives_what_ends_one_of_the_mapping(tmp_path: Pa
 
 
 def test_a_refused_ring_leaves_no_file_open(tmp_path: Path) -> None:
-    """The supervisor looks at a damaged one twice a second."""
+    """The supervisor reads a damaged ring twice a second and must not run out of descriptors."""
     path = tmp_path / "r"
     filled(path)
     os.truncate(path, 64)
@@ -166,7 +167,7 @@ ANY_64_BITS = st.one_of(
 def test_no_header_whatever_is_in_it_ends_a_reader_or_a_writer(
     tmp_path_factory: pytest.TempPathFactory, ring: str, words: dict[int, int]
 ) -> None:
-    """Each of the rings; both ways to read it, the writer, and what the supervisor makes of it."""
+    """For each ring: both ways to read it, the writer, and what the supervisor derives from it."""
     folder = tmp_path_factory.mktemp("header")
     path, dtype = folder / f"{ring}.ring", KINDS[ring]
     writer = Ring.create(path, dtype, 8, 77)

@@ -69,7 +69,7 @@ def test_no_torn_record_reaches_a_slow_reader_in_another_process(tmp_path: Path)
         lost_in_all += lost
         got += records.size
         np.testing.assert_array_equal(records["b"], 3.0 * records["a"])
-        assert np.all(np.diff(records["a"]) >= 1)  # what is overwritten meanwhile is lost
+        assert np.all(np.diff(records["a"]) >= 1)  # records overwritten meanwhile are lost
     assert writer.wait(30) == 0
     assert got + lost_in_all == 200_000
 

@@ -1,4 +1,5 @@
-"""The run folder is its user's own, or the start is refused; files in it follow no links."""
+"""The run folder belongs to its user alone, or the start is refused; files in it follow no
+links."""
 
 import os
 import re
@@ -21,7 +22,7 @@ as_root = pytest.mark.skipif(os.geteuid() != 0, reason="needs a second user")
 
 
 def refused(folder: Path, tmp_path: Path) -> str:
-    """What `dehyst core` says of this run folder; it must end with 2 and one line."""
+    """Return what `dehyst core` prints for this run folder; it must end with 2 and one line."""
     config = simulated_config(tmp_path, 200.0, Path("paper-eq11"))
     text = re.sub('run_dir = ".*"', f'run_dir = "{folder}"', config.read_text())
     config.write_text(text)
@@ -36,7 +37,7 @@ def refused(folder: Path, tmp_path: Path) -> str:
 def test_it_is_made_for_its_user_alone(tmp_path: Path) -> None:
     make_run_folder(tmp_path / "run")
     assert (tmp_path / "run").stat().st_mode & 0o777 == 0o700
-    os.chmod(tmp_path / "run", 0o755)  # readable by others, writable by none: closed
+    os.chmod(tmp_path / "run", 0o755)  # readable by others, writable by none: made private
     make_run_folder(tmp_path / "run")
     assert (tmp_path / "run").stat().st_mode & 0o777 == 0o700
 
@@ -76,7 +77,7 @@ def test_a_folder_that_others_could_exchange_is_refused(tmp_path: Path) -> None:
 
 
 def test_links_laid_for_the_files_overwrite_nothing(tmp_path: Path) -> None:
-    """Every name that a ring uses on its way is new, and no link is followed."""
+    """Every name that a ring uses while it is made is new, and no link is followed."""
     victim = tmp_path / "victim"
     victim.write_text("precious")
     folder = tmp_path / "run"
@@ -106,8 +107,7 @@ def test_without_a_folder_of_the_user_the_name_holds_the_user(
 
 @pytest.mark.processes
 def test_no_room_is_said_and_leaves_nothing_behind(tmp_path: Path) -> None:
-    """A file system of 64 kB, where this machine lets one be made; else a folder that takes no
-    files."""
+    """Uses a file system of 64 kB; skipped where this machine does not let one be mounted."""
     folder = tmp_path / "run"
     folder.mkdir(mode=0o700)
     mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "none", str(folder)]

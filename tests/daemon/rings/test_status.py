@@ -1,4 +1,4 @@
-"""The status: its record, its message and what is shown of it come from one table of rows."""
+"""The status: its record, its message and its display come from one table of rows."""
 
 import io
 from collections import deque
@@ -51,7 +51,8 @@ GATEWAY = GatewayStatus(
 
 
 def record() -> np.void:
-    """A STATUS record: field number i holds i + 1, arrays i, i + 1 ..., but for the ones below."""
+    """Return a STATUS record: field number i holds i + 1, arrays i, i + 1, ..., except those set
+    below."""
     row = np.zeros(1, STATUS)[0]
     numbers = [name for name in STATUS.names or () if STATUS[name].kind != "S"]
     for i, name in enumerate(numbers):
@@ -82,7 +83,7 @@ def test_every_field_of_version_0_1_is_in_the_record_as_it_was() -> None:
 def test_every_field_of_version_0_1_is_in_the_message_as_it_was() -> None:
     now, then = msgpack.unpackb(encoding.encode(message())), msgpack.unpackb(PAYLOAD)
     gateway = {name: now["gateway"][name] for name in then["gateway"]}
-    assert now["version"] > then["version"]  # fields were added since
+    assert now["version"] > then["version"]  # fields have been added since
     same = {name: now[name] for name in then} | {"gateway": gateway}
     assert same | {"version": 1} == then
 

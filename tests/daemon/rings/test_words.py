@@ -1,4 +1,5 @@
-"""Positioning in words: open loop, trimmed or learned, and how far gauge and model differ."""
+"""The description of the positioning: open loop, trimmed or learned, and by how much gauge and
+model differ."""
 
 import math
 from types import SimpleNamespace

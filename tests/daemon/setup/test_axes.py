@@ -1,5 +1,5 @@
-"""A set-up of several axes: on simulated devices in virtual time, and on emulated units whose gauge
-readers were named in another order, as a process."""
+"""Set-up of several axes: on simulated devices in virtual time, and as a process on emulated units
+whose gauge readers are named in another order."""
 
 import io
 import json
@@ -86,7 +86,7 @@ def test_two_axes_from_their_configuration_to_followed_sines(tmp_path: Path) -> 
         drives = [read_recording(p).drive for p in tmp_path.glob(f"*-{axis}-*.csv")]
         assert min(d.min() for d in drives) >= 10.0 - 1e-9
         assert max(d.max() for d in drives) <= 110.0 + 1e-9
-    # all is done, and nothing is done again: the same recordings
+    # all is done and nothing is repeated: the same recordings
     files = {path.name for path in tmp_path.iterdir()}
     do_steps(workbench(tmp_path, seconds=6.0))
     assert {path.name for path in tmp_path.iterdir()} == files
@@ -145,7 +145,7 @@ def test_one_file_says_what_is_for_all_axes_and_what_is_an_axis_own(tmp_path: Pa
     bench.journal.keep("units", {}, units | {"sustained_hz": 130.0})
     limits = {"words": "", "min_v": 0.0, "max_v": 60.0, "slew_v_per_s": 900.0}
     bench.journal.keep("limits", {}, limits)
-    assert write_axes_configuration(bench)["rate_hz"] == 120.0  # of 123.5
+    assert write_axes_configuration(bench)["rate_hz"] == 120.0  # rounded down from 123.5
     controller = load_controller(bench.config_path)
     assert controller.axis_names == ("x", "z")
     for config in controller.axes:
@@ -157,7 +157,7 @@ def test_one_file_says_what_is_for_all_axes_and_what_is_an_axis_own(tmp_path: Pa
 
 @pytest.mark.timing
 def test_the_gauge_readers_are_distinguished_by_what_moves_them(tmp_path: Path) -> None:
-    """`dehyst setup --axes 3` until the gentle loops, on ports in another order."""
+    """Run `dehyst setup --axes 3` up to the gentle loops, with the ports in another order."""
     bench = EmulatedBench(tmp_path, "--axes", "3")
     try:
         ports = [bench.ports[name] for name in ("ksg101-z", "ksg101-x", "mdt693b", "ksg101-y")]

@@ -22,7 +22,8 @@ RANGE, SLEW = (0.0, 140.0), 3000.0
 def done(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> "tuple[Path, subprocess.Popen[str], str, str]":
-    """(folder, process, stdout, stderr) of one whole set-up, and the bench's output in a file."""
+    """Run one whole set-up; return (folder, process, stdout, stderr). The bench's output is kept in
+    a file."""
     folder = tmp_path_factory.mktemp("setup")
     bench = EmulatedBench(folder)
     try:
@@ -76,7 +77,7 @@ def test_the_units_were_distinguished_whatever_their_order(done: Any) -> None:
 
 
 def test_the_output_never_left_the_limits_that_were_asked_for(done: Any) -> None:
-    """At the emulated amplifier itself; its converter has steps of 2.75 mV."""
+    """Judged at the emulated amplifier itself; its converter has steps of 2.75 mV."""
     folder, *_ = done
     with np.load(folder / "output.npz") as data:
         volts = data["volts"]
@@ -111,11 +112,11 @@ def test_what_it_leaves_is_of_use(done: Any) -> None:
     drive = [read_recording(folder / "stage" / f"{n}-1.csv").drive for n in ("recording", "fresh")]
     size = min(d.size for d in drive)
     together = np.corrcoef(drive[0][:size], drive[1][:size])[0, 1]
-    assert abs(together) < 0.9  # it is another drive that validates
+    assert abs(together) < 0.9  # the validation uses another drive
 
 
 def test_a_second_call_has_nothing_left_to_do_and_moves_nothing(done: Any) -> None:
-    """The ports are gone by now: a step that touched them would fail."""
+    """The ports no longer exist: a step that touched them would fail."""
     folder, *_ = done
     again = dehyst("setup", str(folder / "stage"), "--yes")
     _, err = again.communicate(timeout=60)

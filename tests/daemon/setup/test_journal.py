@@ -1,4 +1,4 @@
-"""What a set-up remembers: each step can be repeated, all can be resumed."""
+"""The memory of a set-up: each step can be repeated, and the whole can be resumed."""
 
 import io
 from pathlib import Path
@@ -17,7 +17,7 @@ from dehyst.models.errors import BadInput, NotNow
 
 
 class Desk:
-    """Three made-up steps, what they did and what was said."""
+    """Three simulated steps; records which were done and what was reported."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.folder, self.did, self.said = folder, list[str](), list[str]()
@@ -41,7 +41,7 @@ class Desk:
         monkeypatch.setattr(sequence, "NAMES", tuple(step.name for step in steps))
 
     def go(self, answers: str | None = None, **wishes: Any) -> list[str]:
-        """What was done by one call; answers: typed, None: --yes."""
+        """Run the set-up once; return the steps that were done. answers: typed; None: --yes."""
         self.did.clear()
         first = wishes.pop("first", None)
         asking = UserPrompts(answers is None, Console(file=io.StringIO()))

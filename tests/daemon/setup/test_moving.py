@@ -1,4 +1,5 @@
-"""The steps that move a stage, on the simulated one in this process, and what they conclude."""
+"""The steps of a set-up that move the stage, on the simulated one in this process, and what they
+conclude."""
 
 import io
 from pathlib import Path
@@ -55,7 +56,7 @@ def test_what_the_gauge_may_show_and_what_not() -> None:
     follows = 1.0 - np.cos(2 * np.pi * t_s - 0.2)
     noise = np.random.default_rng(1).normal(0.0, 1.0, 1000)
     assert check_gauge_follows(recording(follows), 10.0) == pytest.approx(0.2, rel=0.05)
-    assert check_gauge_follows(recording(-follows), 10.0) < 0  # turned round is a gauge as well
+    assert check_gauge_follows(recording(-follows), 10.0) < 0  # an inverted gauge is accepted
     for gauge in (noise, np.zeros(1000), np.cos(2 * np.pi * t_s + 1.5)):
         with pytest.raises(NotNow, match="does not follow"):
             check_gauge_follows(recording(gauge), 10.0)
@@ -74,8 +75,8 @@ def test_a_drive_that_only_validates_need_not_excite_enough_for_a_model() -> Non
 
 
 def test_the_comparison_pairs_a_reading_with_the_target_of_the_voltage_in_force() -> None:
-    """A stage that stands exactly where the voltage in force says, 0.3 um off: no error is left,
-    also where samples were too late."""
+    """If the stage is always where the voltage in force puts it, 0.3 um off, no error is left, even
+    where samples were late."""
     rate_hz, f_hz = 200.0, 1.0
     t_s = np.arange(1201) / rate_hz
     target = 5.0 - 4.0 * np.cos(2 * np.pi * f_hz * t_s)

@@ -12,9 +12,9 @@ from dehyst.daemon.setup.names import NAMES
 
 pytestmark = pytest.mark.timing
 TIMES_SMALLER = 2.0
-"""At least, beside other tests: the emulator is a process too, and a reading that comes 1 ms late
-is off by 40 nm where the sine is fast. 2.9 to 7 were seen there, 17 alone; how exactly the model
-predicts is judged by `validate`, whose rows know their times."""
+"""Least improvement required, with other tests running: the emulator is a process too, and a
+reading that is 1 ms late is off by 40 nm where the sine is fast. 2.9 to 7 were seen there, 17
+alone. How exactly the model predicts is judged by `validate`, whose rows know their times."""
 
 
 def test_from_a_kpz101_and_a_ksg101_to_a_model_that_tracks(tmp_path: Path) -> None:
@@ -29,7 +29,7 @@ def test_from_a_kpz101_and_a_ksg101_to_a_model_that_tracks(tmp_path: Path) -> No
     config = load_config(tmp_path / "stage.toml")
     assert (config.actuator.driver, config.sensor.driver) == ("kpz101", "ksg101")
     assert config.actuator.settings["serial_number"] == "29000123"
-    # each write is two messages of 1.5 ms: what the units declare has room for them
+    # each write is two messages of 1.5 ms, and the units declare enough time for them
     assert config.loop.rate_hz <= 1.0 / (2 * 1.5e-3)
     assert noted(tmp_path / "bench") == ["--amplifier", "kpz101"]
 
@@ -51,7 +51,7 @@ def test_from_one_unit_with_a_gauge_to_a_model_that_tracks(tmp_path: Path) -> No
 
 
 def test_a_bpc303_is_found_and_named(tmp_path: Path) -> None:
-    """It is driven as a KPC101 is; tests/drivers/apt has both in the loop."""
+    """It is driven as a KPC101 is; tests/drivers/apt runs both in the loop."""
     words = ("--yes", "--emulated", "--amplifier", "bpc303", "--range", "0", "140")
     process = dehyst("setup", str(tmp_path), *words, "--until", "configuration")
     _, err = process.communicate(timeout=60)
@@ -80,7 +80,7 @@ def test_an_mdt694b_is_found_and_named(tmp_path: Path) -> None:
     assert load_config(tmp_path / "stage.toml").actuator.driver == "mdt694b"
     again = dehyst("setup", str(tmp_path), "--yes", "--emulated", "--until", "limits")
     _, err = again.communicate(timeout=60)
-    assert "starting an emulated MDT694B" in err  # the bench that this folder has
+    assert "starting an emulated MDT694B" in err  # the bench of this folder
 
 
 def test_the_amplifier_of_a_real_bench_is_not_chosen(tmp_path: Path) -> None:
