@@ -9,7 +9,7 @@ from tests.rigs.gateway_bench import Bench, started_bench
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Bench]:
-    """A running loop and gateway of its own for one test."""
+    """A loop and gateway that run for one test only."""
     bench = Bench(tmp_path)
     try:
         bench.start_gateway()
@@ -20,14 +20,14 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 @pytest.fixture(scope="module")
 def bench_of_module(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    """What `shared` hands out."""
+    """The bench that `shared` returns."""
     with started_bench(tmp_path_factory.mktemp("shared")) as bench:
         yield bench
 
 
 @pytest.fixture
 def shared(bench_of_module: Bench) -> Bench:
-    """A running loop and gateway for tests that end neither and change nothing that stays: at rest
-    when it is handed out, but not new."""
+    """A running loop and gateway for tests that end neither and change nothing that lasts: at rest
+    when the test begins, but not new."""
     bench_of_module.rest()
     return bench_of_module

@@ -1,4 +1,5 @@
-"""How a process ends: nothing that was begun is lost, no thread is waited for that never ends."""
+"""How a process ends: nothing that was begun is lost, and no thread that never ends is waited
+for."""
 
 import os
 import subprocess

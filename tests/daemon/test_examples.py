@@ -1,4 +1,4 @@
-"""The example programs as they are, against the gateway that $DEHYST_CONNECT names, and none."""
+"""The example programs against the gateway that $DEHYST_CONNECT names, and without one."""
 
 import os
 import subprocess
@@ -35,7 +35,7 @@ def test_without_a_daemon_it_ends_in_one_line(arguments: list[str], address: str
 
 
 def run(arguments: list[str], address: str) -> "subprocess.CompletedProcess[str]":
-    """What a user runs, only shorter; the address by the environment."""
+    """Run an example as a user does, but for a shorter time; the environment gives the address."""
     text = (ROOT / "docs" / "examples" / arguments[0]).read_text()
     text = text.replace("5.0", "0.5").replace("10.0", "0.5")
     return subprocess.run(

@@ -1,4 +1,4 @@
-"""An interrupt is never lost, wherever it comes."""
+"""An interrupt is never lost, wherever it arrives."""
 
 import signal
 import threading

@@ -1,7 +1,7 @@
-"""A kernel that somebody planted in the cache is not loaded.
+"""A kernel that an attacker planted in the cache is not loaded.
 
-The planted entry is a pickle that leaves a mark when it is read, in the place of a real kernel's
-index: whether it was read is seen by the mark.
+The planted entry replaces the index of a real kernel with a pickle that makes a folder when it is
+loaded: the folder shows whether the entry was read.
 """
 
 import os
@@ -35,7 +35,7 @@ print("hits", sum(load_word.stats.cache_hits.values()))
 
 
 class Mark:
-    """Makes a file when it is unpickled."""
+    """Makes a folder when it is unpickled."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -45,7 +45,7 @@ class Mark:
 
 
 def run(cache: Path, user: int = 0) -> str:
-    """What a process says that loads one kernel from the cache."""
+    """Return the output of a process that loads one kernel from the cache."""
     done = subprocess.run(
         [sys.executable, "-c", LOAD, str(user)],
         env={**os.environ, "NUMBA_CACHE_DIR": str(cache)},
@@ -57,7 +57,7 @@ def run(cache: Path, user: int = 0) -> str:
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What `installed` copies."""
+    """The cache that `installed` copies."""
     cache = tmp_path_factory.mktemp("compiled") / "kernels"
     cache.mkdir(mode=0o755)
     run(cache)
@@ -67,9 +67,9 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def installed(compiled: Path, tmp_path: Path) -> Path:
-    """A cache with that kernel, as an installation leaves it; readable by all."""
+    """Copy a cache with that kernel, as an installation leaves it; readable by all."""
     for folder in (tmp_path, *tmp_path.parents):
-        if folder.stat().st_mode & 0o055 != 0o055:  # of this test run: pytest closes its folders
+        if folder.stat().st_mode & 0o055 != 0o055:  # pytest closes the folders of a run
             os.chmod(folder, 0o755)
     return shutil.copytree(compiled, tmp_path / "kernels")
 
@@ -106,13 +106,13 @@ def test_a_planted_entry_is_not_loaded(installed: Path, tmp_path: Path, how: str
     assert not mark.exists()
     assert "not loaded" in words
     assert "hits 0" in words
-    run(installed)  # nor by the owner himself
+    run(installed)  # not by the owner either
     assert not mark.exists()
 
 
 @as_root
 def test_the_planted_entry_would_have_run(installed: Path, tmp_path: Path) -> None:
-    """The witness works: where the owner himself left it, it is read."""
+    """The mark works: an entry that the owner left is read."""
     mark = tmp_path / "mark"
     index = next(p for p in installed.rglob("*.nbi") if p.name.startswith("ring.load_word"))
     index.write_bytes(pickle.dumps(Mark(mark)))
@@ -154,7 +154,8 @@ def test_the_services_cannot_write_where_they_load_from() -> None:
 def test_a_kernel_goes_with_what_its_file_imports_and_no_other_file_is_read_for_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Seconds: the kernels of three files were made at 30, b was changed at 40."""
+    """If a source has changed, the kernels of its importers are dropped too. Times in s: the
+    kernels of three files were made at 30, b was changed at 40."""
     texts = {"a": "from dehyst.models.b import f\n", "b": "", "c": ""}
     for name, text in texts.items():
         path = tmp_path / "models" / f"{name}.py"
@@ -177,10 +178,10 @@ def test_a_kernel_goes_with_what_its_file_imports_and_no_other_file_is_read_for_
     assert (kernel_cache.drop_stale(), kernels(), reads) == (0, ["a", "b", "c"], [])
     os.utime(tmp_path / "models" / "b.py", (40, 40))
     assert (kernel_cache.drop_stale(), kernels(), len(reads)) == (2, ["c"], 3)
-    assert (kernel_cache.drop_stale(), kernels(), len(reads)) == (0, ["c"], 3)  # c was looked at
+    assert (kernel_cache.drop_stale(), kernels(), len(reads)) == (0, ["c"], 3)  # c is not reread
     index = next(tmp_path.rglob("c.*.nbi"))
     os.utime(index, (30, 30))
-    os.link(index, tmp_path / "another tree's")  # by whose sources it may be out of date
+    os.link(index, tmp_path / "another tree's")  # whose sources may differ
     kernel_cache.drop_stale()
     assert index.stat().st_mtime == 30
     os.utime(tmp_path / "models" / "c.py", (time.time() + 5, time.time() + 5))

@@ -1,4 +1,4 @@
-"""The log stops nobody: lines that cannot be written are dropped, counted, and said later."""
+"""The log blocks nobody: lines that cannot be written are dropped, counted and reported later."""
 
 import os
 import signal
@@ -28,7 +28,7 @@ os._exit(7)
 
 @pytest.mark.parametrize("kind", BAD_LOGS)
 def test_a_writer_ends_as_it_wants_whatever_becomes_of_its_log(kind: str, tmp_path: Path) -> None:
-    """More than any queue holds is written, in Python and beside it."""
+    """More is written than any queue holds, through Python and directly to the descriptor."""
     try:
         with BAD_LOGS[kind](tmp_path) as (file, spoil):
             spoil()
@@ -62,7 +62,7 @@ os._exit(0)
     with subprocess.Popen(
         ["bash", "-c", shell], stderr=subprocess.PIPE, pass_fds=(full[1], empty[0])
     ) as writer:
-        os.read(full[0], 1)  # nothing was read so far: it has dropped
+        os.read(full[0], 1)  # nothing was read so far: it has dropped lines
         os.write(empty[1], b"!")
         assert writer.stderr is not None
         lines = writer.stderr.read().decode().splitlines()

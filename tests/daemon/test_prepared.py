@@ -1,4 +1,4 @@
-"""A configuration that several threads read at once, as the page's do for each of its axes."""
+"""Several threads read a configuration at once, as the page does for each of its axes."""
 
 import subprocess
 import sys
@@ -20,7 +20,7 @@ threads = [threading.Thread(target=read) for _ in range(8)]
 [thread.join() for thread in threads]
 """
 RUNS = 10
-"""Without the preparation each run ends by a segmentation fault in about three of four."""
+"""Without the preparation, about three of four runs end with a segmentation fault."""
 
 
 def test_threads_that_read_their_first_configuration_end_no_process(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The reference pages are what the code says now."""
+"""The reference pages match the code."""
 
 from pathlib import Path
 

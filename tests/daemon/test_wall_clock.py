@@ -1,17 +1,17 @@
-"""The wall clock labels records and file names; nothing is decided by it."""
+"""The wall clock labels records and file names; no decision depends on it."""
 
 import ast
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 WALL = {"time", "time_ns", "now", "utcnow", "today", "fromtimestamp", "wall_ns", "ctime"}
-# what makes records and lines for people: each reading there is looked at below
+# files that make records and lines for people; each reading in them is checked below
 LABELLING = {"status.py", "process.py", "core.py", "event_log.py"}
 OWNERS = {"time", "datetime", "clock", "date"}
 
 
 def readings(path: Path) -> list[int]:
-    """Lines on which a wall clock is read."""
+    """Return the lines on which a wall clock is read."""
     lines = []
     for node in ast.walk(ast.parse(path.read_text())):
         if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
@@ -51,7 +51,7 @@ def test_the_loop_and_its_rules_never_read_the_wall_clock() -> None:
 
 
 def test_where_the_wall_clock_is_read_it_is_a_label() -> None:
-    """Every reading in the daemon stands in a line that makes a label."""
+    """In the daemon, every line that reads the wall clock makes a label."""
     labels = ("wall", "now", "started", "created", "stamp", "datetime", "strftime")
     for path in (ROOT / "daemon").rglob("*.py"):
         lines = path.read_text().splitlines()

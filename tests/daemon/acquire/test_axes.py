@@ -55,9 +55,9 @@ def test_the_plan_moves_one_axis_after_the_other_then_all(tmp_path: Path) -> Non
     both = times > 24.1
     assert np.all(moves[both].sum(axis=0) > 10_000)
     assert np.abs(np.corrcoef(plan[both].T)[0, 1]) < 0.3
-    # alone at the drive's own pace, together at that of the axis
+    # alone at the drive's own pace, together at the pace of the axis
     np.testing.assert_allclose(plan[: t_s.size, 0], volts, atol=1e-9)
-    begun = 2 * (12.0 + 1e-3)  # behind both; a sample for the way home
+    begun = 2 * (12.0 + 1e-3)  # after both, each with one sample for the return
     expected = np.interp((times[both] - begun) * PACES[1], t_s, volts)
     np.testing.assert_allclose(plan[both, 1], expected, atol=2.0)
 
@@ -77,7 +77,7 @@ def test_each_axis_has_its_recording_with_the_others_as_channels(
     assert list(x.channels) == ["axis.y", "axis.y.drive"]
     np.testing.assert_array_equal(x.channels["axis.y"], y.displacement)
     np.testing.assert_array_equal(y.channels["axis.x.drive"], x.drive)
-    alone = slice(1300, 2300)  # y moves, x rests: what is left of x is what y brings, and creep
+    alone = slice(1300, 2300)  # y moves, x rests: the reading of x is coupling from y, and creep
     assert np.ptp(x.drive[alone]) == 0.0
     assert x.displacement is not None
     assert y.displacement is not None

@@ -1,4 +1,4 @@
-"""`import dehyst` as a notebook uses it: arrays, columns, files and recordings give the same."""
+"""`import dehyst` as in a notebook: arrays, columns, files and recordings give the same result."""
 
 import subprocess
 import sys
@@ -19,7 +19,7 @@ T, NOISE = 1e-3, 0.045
 
 @pytest.fixture(scope="module")
 def run() -> dict[str, np.ndarray]:
-    """Two sines on the paper's stage, and 45 nm of noise."""
+    """Return a run of two sines on the paper's stage, with 45 nm of noise."""
     t = np.arange(4000) * T
     u = 4.5 - 3.0 * np.cos(2 * np.pi * 1 * t) - 1.5 * np.cos(2 * np.pi * 5 * t)
     y = forward.simulate_hysteresis(shipped("paper-eq12").hysteresis, u, T)
@@ -58,7 +58,7 @@ def test_what_is_identified_predicts_and_inverts(found: Any, tmp_path: Path) -> 
     slowly = forward.simulate_hysteresis(
         shipped("paper-eq12").hysteresis, np.concatenate([up, up[::-1], up]), 1e3
     )
-    stroke = np.ptp(slowly[1800:])  # exercised
+    stroke = np.ptp(slowly[1800:])  # after an exercise cycle
     assert found.figures.stroke == pytest.approx(stroke, rel=0.03)
     t = np.arange(1500) * T
     u = 4.0 - 3.0 * np.cos(2 * np.pi * 2 * t)
@@ -69,7 +69,7 @@ def test_what_is_identified_predicts_and_inverts(found: Any, tmp_path: Path) -> 
     again = dehyst.simulate(path, {"t_s": t, "u_v": u, "y_um": truth})
     assert np.array_equal(again, simulated)
     assert again.rms == pytest.approx(np.sqrt(np.mean((np.asarray(simulated) - truth) ** 2)))
-    from scipy.interpolate import CubicSpline  # workers that do not run this wait for it too
+    from scipy.interpolate import CubicSpline  # at the top, every worker would wait for it
 
     target = CubicSpline([0.0, 0.5, 1.5], [1.0, 7.0, 4.0])(t)
     drive = dehyst.invert(path, t, target)

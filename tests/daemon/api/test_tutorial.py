@@ -1,4 +1,4 @@
-"""The tutorial runs from its first cell to its last, in a kernel of its own."""
+"""The tutorial runs from its first cell to its last, in its own kernel."""
 
 from pathlib import Path
 
@@ -7,9 +7,9 @@ import pytest
 TUTORIAL = Path(__file__).resolve().parents[3] / "docs" / "tutorial.ipynb"
 
 
-@pytest.mark.filterwarnings("ignore")  # of the kernel's own libraries
+@pytest.mark.filterwarnings("ignore")  # warnings of the kernel's own libraries
 def test_the_tutorial_runs_and_compensation_helps(tmp_path: Path) -> None:
-    import nbformat  # every worker imports this file, and one of them runs it
+    import nbformat  # every worker imports this file, only one runs it
     from nbclient import NotebookClient
 
     notebook = nbformat.read(TUTORIAL, 4)

@@ -1,4 +1,4 @@
-"""The model of the simulated stage that is shipped, so that a start need not identify it."""
+"""The model of the simulated stage is shipped, so that a start need not identify it."""
 
 import subprocess
 import sys
@@ -32,7 +32,7 @@ def test_it_is_the_one_that_the_stage_gives() -> None:
 
 
 def test_a_start_on_it_waits_for_no_compiler() -> None:
-    """numba takes half a second of a start."""
+    """Importing numba takes half a second of a start."""
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT], capture_output=True, text=True, check=False, timeout=60
     )

@@ -1,4 +1,4 @@
-"""`dehyst bench`: one case end to end, twice the same."""
+"""`dehyst bench`: one case end to end; two runs give the same result."""
 
 import json
 import sys
@@ -33,7 +33,7 @@ def test_without_scikit_learn_the_other_models_are_compared(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     for name in ("sklearn", "sklearn.exceptions", "sklearn.neural_network"):
-        monkeypatch.setitem(sys.modules, name, None)  # as where it is not installed
+        monkeypatch.setitem(sys.modules, name, None)  # as if not installed
     assert main([*ONE]) == 0
     scores = json.loads(capsys.readouterr().out)["scores"]
     refused = {one["model"]: one["refused"] for one in scores if one["refused"]}

@@ -1,4 +1,5 @@
-"""Each model of the benchmark finds a stage of its own class; a free run sees no displacement."""
+"""Each model of the benchmark identifies a stage of its own class; a free run sees no measured
+displacement."""
 
 import math
 
@@ -16,13 +17,13 @@ DT = 0.005
 
 
 def drives() -> tuple[Floats, Floats]:
-    """(t_s, volts), 0 to 10 V, loops of many sizes."""
+    """Return (t_s, volts): 0 to 10 V, with loops of many sizes."""
     t = np.arange(3000) * DT
     return t, 5.0 - 2.5 * np.cos(2 * np.pi * 1.0 * t) - 2.5 * np.cos(2 * np.pi * 0.31 * t)
 
 
 def plays(u: Floats) -> Floats:
-    """Two plays and a straight line, by their definition."""
+    """Return two play operators and a straight line, by their definition."""
     out, h = np.empty(u.size), [0.0, 0.0]
     for i, v in enumerate(u.tolist()):
         h = [max(v - r, min(v + r, x)) for r, x in zip((1.0, 3.0), h, strict=True)]
@@ -31,7 +32,7 @@ def plays(u: Floats) -> Floats:
 
 
 def friction(u: Floats) -> Floats:
-    """dh = du - |du| h in steps of a thousandth: in the class of Bouc-Wen and of Duhem."""
+    """Integrate dh = du - |du| h in steps of 0.001: in the class of Bouc-Wen and of Duhem."""
     out, h, before = np.empty(u.size), 0.0, 0.0
     for i, v in enumerate(u.tolist()):
         parts = max(1, math.ceil(abs(v - before) / 1e-3))
@@ -43,7 +44,7 @@ def friction(u: Floats) -> Floats:
 
 
 def lagging(u: Floats) -> Floats:
-    """y(k) = 0.9 y(k - 1) + 0.1 u(k): what a NARX model holds exactly."""
+    """Return y(k) = 0.9 y(k - 1) + 0.1 u(k), which a NARX model represents exactly."""
     out, y = np.empty(u.size), float(u[0])
     for i, v in enumerate(u.tolist()):
         y = 0.9 * y + 0.1 * v
@@ -53,7 +54,7 @@ def lagging(u: Floats) -> Floats:
 
 CASES = [
     (CLASSICAL, plays, 0.005),
-    (PREISACH, plays, 0.03),  # the plane is in 24 steps
+    (PREISACH, plays, 0.03),  # the plane has 24 steps
     (BOUC_WEN, friction, 0.005),
     (DUHEM, friction, 0.005),
     (NARX, lagging, 0.001),

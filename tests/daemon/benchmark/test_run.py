@@ -1,4 +1,4 @@
-"""What the benchmark counts: held-out rows alone, rows needed, ties, models that fail."""
+"""What the benchmark counts: held-out rows only, the rows needed, ties, and models that fail."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +19,7 @@ T = np.arange(N) * 0.01
 
 
 def case(made: bool = True) -> Comparison:
-    """A straight line of 2 um/V; the last half is held out."""
+    """Return a straight line of 2 um/V; its last half is held out."""
     u = 5.0 - 5.0 * np.cos(T)
     whole = Recording(T, u, 2.0 * u, name="line")
     half = Recording(T[: N // 2], u[: N // 2], 2.0 * u[: N // 2], name="line")

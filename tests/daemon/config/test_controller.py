@@ -1,4 +1,4 @@
-"""One file with several axes: what each axis gets, and what is refused in words."""
+"""One file with several axes: the configuration of each axis, and what is refused with a reason."""
 
 from pathlib import Path
 
@@ -75,17 +75,17 @@ def test_each_axis_is_a_configuration_of_its_own(tmp_path: Path) -> None:
     assert [c.name for c in controller.axes] == ["stage-1-x", "stage-1-y", "stage-1-z"]
     assert [c.directory for c in controller.axes] == [tmp_path / "run" / a for a in "xyz"]
     assert {c.loop.rate_hz for c in controller.axes} == {250.0} == {controller.loop.rate_hz}
-    # tables are laid over tables, to the settings
+    # tables are merged, down to the settings
     assert x.actuator.settings == {"port": "/dev/ttyACM0", "axis": "x"}
     assert y.actuator.settings == {"port": "/dev/ttyACM0", "axis": "y"}
     assert x.actuator.gain == y.actuator.gain == 15.0
     assert (x.limits.max_v, y.limits.max_v, y.limits.slew_v_per_s) == (150.0, 100.0, 4000.0)
     assert (x.safe.voltage_v, y.safe.voltage_v) == (75.0, 0.0)
-    # another driver has nothing to do with the shared one's gain and settings
+    # another driver does not inherit gain and settings of the shared one
     assert (z.actuator.gain, z.actuator.settings) == (1.0, {"stage": "z"})
-    # the slowest way to a safe voltage: x, 75 V at 50 V/s; y, 100 V
+    # the slowest ramp to a safe voltage at 50 V/s: y, 100 V; x needs 75 V
     assert controller.longest_ramp_s == pytest.approx(2.0)
-    # recordings of several axes do not come into one folder
+    # recordings of several axes are kept in separate folders
     assert [str(c.watch_directory) for c in (x, y)] == ["/var/kept/x", "/var/y"]
 
 

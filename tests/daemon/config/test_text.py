@@ -1,4 +1,4 @@
-"""A configuration with comments means what was given, and its comments are the defaults."""
+"""A commented configuration means what was given, and its comments are the defaults."""
 
 import re
 import tomllib
@@ -36,7 +36,7 @@ def test_it_means_what_was_given() -> None:
 
 
 def test_every_comment_that_is_a_key_is_its_default() -> None:
-    """With the signs taken away, all sections that are there without a file say the same."""
+    """With the comment signs removed, every section that has defaults is unchanged."""
     plain = parse_config(write_commented(GIVEN))
     text = re.sub(r"^# (\w+ = .*)$", r"\1", write_commented(GIVEN), flags=re.MULTILINE)
     text = text.replace("driver = ...\n", 'driver = "simulated"\n')

@@ -1,4 +1,5 @@
-"""How busy a machine is, from a /proc that is written here, and how an act is judged on it."""
+"""How busy a machine is, from a /proc that is written here, and how an act is judged
+accordingly."""
 
 import multiprocessing
 import os
@@ -28,7 +29,7 @@ LATE = Busy(late=0.1)
 
 
 def lay_proc(folder: Path, cpu: str, processes: dict[int, tuple[int, int]]) -> Path:
-    """A /proc; processes: (parent, ticks) by number."""
+    """Write a /proc with processes {pid: (parent, ticks)}; return its folder."""
     folder.mkdir()
     (folder / "stat").write_text(f"cpu  {cpu}\ncpu0 1 2 3\n")
     for pid, (parent, ticks) in processes.items():
@@ -58,7 +59,7 @@ def test_a_machine_that_says_nothing_of_itself_is_not_called_busy(tmp_path: Path
 
 
 def burn() -> None:
-    """Takes a processor until it is killed."""
+    """Use a processor until killed."""
     while True:
         pass
 
@@ -107,7 +108,7 @@ def test_patience_lasts_longer_on_a_busy_machine_and_says_what_it_waits_for() ->
 
 
 def act(named: str, state: str, after: float, busy: Busy) -> Story:
-    """A second act in which a lag was drawn."""
+    """Return a second act in which a lag was drawn."""
     effects = (FoundEffect(name=named, acts_on="stage", share=1.0, says=""),) if named else ()
     report = DoctorReport(case="c", time_ns=1, wall_ns=1, changed_wall_ns=1, state=state,  # type: ignore[arg-type]
                           effects=effects, says="")  # fmt: skip
@@ -119,7 +120,7 @@ def act(named: str, state: str, after: float, busy: Busy) -> Story:
     ("named", "state", "after", "quiet", "loaded", "late"),
     [
         ("lag", "accepted", 0.05, 0, 0, 77),
-        ("lag", "accepted", 0.25, 1, 77, 77),  # it stays nearer to the error with the effect
+        ("lag", "accepted", 0.25, 1, 77, 77),  # the error stays closer to that with the effect
         ("creep", "accepted", 0.05, 1, 77, 77),
         ("lag", "returned", np.nan, 1, 77, 77),
         ("lag", "trial", np.nan, 1, 77, 77),

@@ -1,4 +1,4 @@
-"""How an examination ends, and that what is said of its end is what happened."""
+"""How an examination ends, and that its end is reported as it happened."""
 
 import os
 import signal
@@ -26,8 +26,8 @@ LEAD_S, STEPS = 25.0, (0.0, 0.2, 0.0, 0.4, 0.0, 1.0)
 
 
 def at_rest(folder: Path, step_um: float) -> Path:
-    """The case of a stage that moves to its place and stands still; its gauge steps up and
-    back, at last by step_um."""
+    """Write the case of a stage that moves to its position and stands still, while its gauge steps
+    up and back, in the end by step_um."""
     folder.mkdir()
     t_s = np.arange(round(35 * RATE_HZ)) / RATE_HZ
     volts = 75.0 + 2.7 * np.minimum(t_s / 12.0, 1.0)

@@ -1,4 +1,5 @@
-"""What the doctor makes of a case: a lag that nobody modelled, a gauge that fails, garbage."""
+"""What the doctor concludes from a case: a lag that is not in the model, a gauge that fails,
+garbage."""
 
 import json
 import subprocess
@@ -35,8 +36,8 @@ def a_case(**more: object) -> Case:
 
 
 def lay(folder: Path, stuck: bool = False, **change: float) -> Path:
-    """A good, a flagged and a later recording of a stage that changes with the flag, each with what
-    led to it in front."""
+    """Write a good, a flagged and a later recording of a stage that changes with the flag, each
+    preceded by the history that led to it."""
     folder.mkdir(parents=True, exist_ok=True)
     t_s, volts = pattern(75.0, 66.0, RATE_HZ)
     seconds = t_s.size / RATE_HZ
@@ -64,8 +65,8 @@ def lay(folder: Path, stuck: bool = False, **change: float) -> Path:
     ("change", "name", "place"),
     [
         ({"amplifier_tau_s": LAG_S}, "lag", "drive"),
-        ({"creep_gain_per_decade": 0.045}, "creep", "stage"),  # the stage remembers what led here
-        ({"friction_um": 0.3}, "friction", "stage"),  # the diagnosis' base takes it whole
+        ({"creep_gain_per_decade": 0.045}, "creep", "stage"),  # needs the stage's history
+        ({"friction_um": 0.3}, "friction", "stage"),  # the base model absorbs it entirely
     ],
 )
 def test_what_changed_is_named_and_the_model_with_it_is_offered(

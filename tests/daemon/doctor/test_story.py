@@ -1,6 +1,8 @@
-"""Watch and doctor on telemetry of the simulated stage, at speed: minutes in order, and gauges that
-fail. Stage, controller, watch and examination are the real ones; time is a count of samples. An
-hour in order: tests/benchmarks/daemon/second_act_offline.py --clean 3600.
+"""Watch and doctor on telemetry of the simulated stage, faster than real time: minutes without a
+fault, and gauges that fail.
+
+Stage, controller, watch and examination are the real ones; time is a count of samples. For an hour
+without a fault: tests/benchmarks/daemon/second_act_offline.py --clean 3600.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,7 +17,7 @@ from tests.rigs.story import OfflineStory
 from dehyst.models.model import Model
 
 Reading = Callable[[float, float], float]
-"""(seconds since it began to fail, reading) -> what the gauge says."""
+"""(seconds since the failure began, true reading) -> the gauge's reading."""
 RNG = np.random.default_rng(8)
 
 

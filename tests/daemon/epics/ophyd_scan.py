@@ -1,4 +1,4 @@
-"""A scan and a flight of an ophyd-async motor under bluesky's RunEngine, as beamlines do."""
+"""A scan and a flight of an ophyd-async motor under bluesky's RunEngine, as at a beamline."""
 
 import sys
 

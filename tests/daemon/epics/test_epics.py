@@ -1,4 +1,4 @@
-"""Public clients of Channel Access command a stage: caproto's command line, ophyd-async's motor
+"""Public clients of Channel Access command a stage: caproto's command line, and ophyd-async's motor
 under bluesky's RunEngine. Real loop, real gateway, real `dehyst epics`, all on the loopback."""
 
 import os
@@ -28,8 +28,8 @@ SCAN = Path(__file__).parent / "ophyd_scan.py"
 
 
 class Served:
-    """`dehyst epics` beside a bench, and public clients of it, with a repeater of their own: the
-    one that a client starts by itself keeps the client's pipes open for good."""
+    """`dehyst epics` for a bench, and public clients of it. It runs a repeater of its own: one that
+    a client starts by itself keeps the client's pipes open forever."""
 
     def __init__(self, bench: Bench, *arguments: str) -> None:
         self.port, self.repeater_port = free_port(), free_port()
@@ -50,7 +50,7 @@ class Served:
 
     @property
     def environment(self) -> dict[str, str]:
-        """For clients that look on the loopback alone."""
+        """The environment of clients that search on the loopback only."""
         return {
             **os.environ,
             "EPICS_CA_ADDR_LIST": "127.0.0.1",
@@ -60,7 +60,7 @@ class Served:
         }
 
     def client(self, command: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
-        """caproto's own command line."""
+        """Run caproto's own command line."""
         return subprocess.run(
             [sys.executable, "-m", f"caproto.commandline.{command}", *arguments],
             env=self.environment, text=True, capture_output=True, timeout=60,
@@ -144,7 +144,7 @@ def test_camonitor_sees_ten_updates_a_second(bench: Bench, served: Served) -> No
         first = monitor.stdout.readline()
         assert first.startswith("LAB.RBV")
         begun = time.monotonic()
-        lines = [monitor.stdout.readline() for _ in range(10)]  # a gauge is never quiet
+        lines = [monitor.stdout.readline() for _ in range(10)]  # readings always vary by noise
         assert all(line.startswith("LAB.RBV") for line in lines)
         assert time.monotonic() - begun < 10.0
     finally:
@@ -204,7 +204,8 @@ def test_another_client_is_seen_and_respected(bench: Bench, served: Served) -> N
 
 
 def test_beacons_that_nobody_hears_are_not_on_the_screen(bench: Bench, tmp_path: Path) -> None:
-    """Without a repeater the kernel refuses every beacon but the first."""
+    """Without a repeater the kernel refuses every beacon but the first; that must not be
+    printed."""
     log = tmp_path / "epics.txt"
     command = [sys.executable, "-m", "dehyst.daemon.main", "epics", "--connect", bench.address]
     with open(log, "wb") as words:

@@ -1,5 +1,5 @@
 """PI's own Python library, unmodified, drives an open-loop stage through `dehyst serve --as gcs`:
-real loop, real gateway, real sockets; places are judged by the loop's own samples."""
+real loop, real gateway, real sockets; positions are judged by the loop's own samples."""
 
 import socket
 import subprocess
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.processes
 
 
 class Served:
-    """`dehyst serve --as gcs` beside a bench."""
+    """A `dehyst serve --as gcs` for a bench."""
 
     def __init__(self, *arguments: str) -> None:
         command = [sys.executable, "-m", "dehyst.daemon.main", "serve", "--as", "gcs"]
@@ -42,7 +42,7 @@ class Served:
         raise AssertionError("it did not start")
 
     def raw(self) -> socket.socket:
-        """A connection without a library."""
+        """Open a connection without a library."""
         return socket.create_connection(("127.0.0.1", self.port), timeout=10)
 
     def close(self) -> int:
@@ -53,7 +53,7 @@ class Served:
 
 @contextmanager
 def device(served: Served) -> Iterator[Any]:
-    """PIPython's device over its own socket gateway."""
+    """Yield PIPython's device over its own socket gateway."""
     gateway = PISocket("127.0.0.1", served.port)
     with GCSDevice(gateway=gateway) as found:
         yield found
@@ -61,7 +61,7 @@ def device(served: Served) -> Iterator[Any]:
 
 
 def ask(connection: socket.socket, text: str) -> str:
-    """One answer, up to an LF without a blank before it."""
+    """Send a text and return one answer, up to an LF without a blank before it."""
     connection.sendall(text.encode("cp1252"))
     answer = b""
     while not answer.endswith(b"\n") or answer.endswith(b" \n"):
@@ -123,7 +123,7 @@ def test_it_stays_where_it_was_sent_until_its_client_leaves(one: tuple[Bench, Se
         begun = bench.loop.seq
         wait_until("three seconds pass", lambda: bench.loop.seq > begun + 600)
         assert (bench.loop.samples(begun)["target"] == 6.0).all()
-    # as after any client that leaves: it holds, then ramps to the safe voltage
+    # as after any client that leaves, the stage holds, then ramps to the safe voltage
     wait_until("it lets go", lambda: bench.loop.state == State.READY, 30.0)
     assert bench.loop.samples(bench.loop.seq - 1)[-1]["volts"] == pytest.approx(0.0, abs=0.1)
 

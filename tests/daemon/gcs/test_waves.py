@@ -1,4 +1,5 @@
-"""Waves and grammar of the General Command Set, against closed forms and any cutting of bytes."""
+"""Waves and grammar of the General Command Set, against closed forms and for any splitting of the
+bytes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
-"""`dehyst image`: the bars, the same figures twice, the files, what is refused."""
+"""`dehyst image`: the required improvements, equal figures in two runs, the files, and what is
+refused."""
 
 import json
 import sys
@@ -13,7 +14,7 @@ from dehyst.daemon.imaging.experiment import image
 from dehyst.daemon.imaging.report import pictures_to_json
 from dehyst.daemon.main import main
 
-LINES = "12"  # what counts does not depend on how many there are
+LINES = "12"  # the results do not depend on their number
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,8 @@ def test_two_runs_give_the_same_figures(facts: dict[str, Any]) -> None:
 def test_the_distortion_is_that_of_the_places_in_the_file(
     folder: Path, facts: dict[str, Any]
 ) -> None:
-    """By least squares over the file's own columns, where the lines run at constant speed."""
+    """Computed by least squares over the file's own columns, where the lines run at constant
+    speed."""
     with h5py.File(folder / "image.h5") as file:
         for name, said in facts["pictures"].items():
             square = 0.0
@@ -77,13 +79,13 @@ def test_the_file_is_found_by_nexus_names(folder: Path) -> None:
 def test_the_pictures_are_one_png(folder: Path) -> None:
     png = (folder / "image.png").read_bytes()
     assert png.startswith(b"\x89PNG")
-    assert int.from_bytes(png[16:20]) > 1000  # wide enough for three
+    assert int.from_bytes(png[16:20]) > 1000  # wide enough for three pictures
 
 
 def test_without_h5py_the_pictures_are_made_and_it_says_what_is_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    monkeypatch.setitem(sys.modules, "h5py", None)  # as where it is not installed
+    monkeypatch.setitem(sys.modules, "h5py", None)  # as if not installed
     assert main(["image", "-o", str(tmp_path), "--lines", "8"]) == 0
     assert sorted(p.name for p in tmp_path.iterdir()) == ["image.json", "image.png"]
     assert "dehyst[hdf5]" in capsys.readouterr().err

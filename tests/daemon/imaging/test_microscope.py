@@ -1,4 +1,4 @@
-"""The virtual microscope against places that are known: what counts as distortion and as seam."""
+"""The virtual microscope against known positions: what counts as distortion and as seam."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_shift_and_scale_are_no_distortion(scan: Scan) -> None:
 
 
 def test_a_known_bend_is_the_distortion(scan: Scan) -> None:
-    bend = 0.2 * np.sin(4 * np.pi * scan.y / SIZE)  # x is off from row to row
+    bend = 0.2 * np.sin(4 * np.pi * scan.y / SIZE)  # x is off by another amount in each row
     assert frame(scan, scan.x + bend, scan.y).distortion_nm == pytest.approx(
         1e3 * bend[scan.image].std(), rel=1e-4
     )

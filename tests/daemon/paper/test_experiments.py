@@ -68,7 +68,7 @@ def test_every_figure_is_drawn(results: list[Result]) -> None:
 def test_the_bouc_wen_stage_has_a_rate_independent_loop() -> None:
     u = experiments.one_sine(experiments.times(2.0))
     y = bouc_wen_stage(u, PERIOD_S)
-    up, down = y[1250], y[1750]  # the same drive of the second period, rising and falling
+    up, down = y[1250], y[1750]  # the same drive in the second period, rising and falling
     assert u[1250] == pytest.approx(u[1750])
     assert down - up > 0.5
     assert bouc_wen_stage(u[::2], 2 * PERIOD_S)[625] == pytest.approx(up, abs=0.02)
@@ -80,7 +80,7 @@ def test_the_inverse_is_judged_on_rows_that_can_be_reached(results: list[Result]
         assert r.tracking_rms == pytest.approx(np.sqrt(np.mean(error[r.reachable] ** 2)))
         assert r.whole_rms == pytest.approx(np.sqrt(np.mean(error**2)))
         assert r.reachable.mean() > 0.75
-    sine = results[0]  # after its rise the stage does not come back to 0 um at 0 V
+    sine = results[0]  # after its rise the stage does not return to 0 um at 0 V
     assert not sine.reachable[sine.target < 0.2][-1]
     assert sine.tracking_rms < 0.5 * sine.whole_rms
 
@@ -93,7 +93,7 @@ def test_the_noise_alone_stands_apart_from_the_model(results: list[Result]) -> N
 
 def test_what_the_sweep_is_made_of_is_said_where_it_counts(results: list[Result]) -> None:
     sweep = results[-1]
-    assert maximum_says(sweep) == ""  # Eq. 11: it does not count there
+    assert maximum_says(sweep) == ""  # Eq. 11: not relevant there
     says = maximum_says(replace(sweep, stage="Eq. 12", maximum=133.4, noise_maximum=85.2))
     assert "133 nm" in says
     assert "85 nm" in says

@@ -1,5 +1,6 @@
-"""Every picture of every report on recordings that show nothing: constant, zero, NaN, one row, tiny
-and huge. The functions are found by their signature, so a new one is among them at once."""
+"""Every picture of every report, on recordings that show nothing: constant, zero, NaN, one row,
+tiny and huge. The functions are found by their signature, so a new one is included
+automatically."""
 
 import importlib
 import inspect
@@ -54,7 +55,7 @@ SHAPES: dict[str, Floats] = {
 
 
 def pictures() -> dict[str, Callable[..., str]]:
-    """All functions of the reports that draw on axes and say what is to be seen."""
+    """Return all functions of the reports that draw on axes and describe the picture."""
     found = {}
     for module in pkgutil.iter_modules(dehyst.daemon.report.__path__):
         inside = importlib.import_module(f"dehyst.daemon.report.{module.name}")
@@ -71,7 +72,7 @@ PICTURES = pictures()
 
 
 def world(y: Floats) -> dict[Any, Any]:
-    """What pictures are drawn of, by the type of the argument, where all that was measured is y."""
+    """Return the arguments of pictures by type, where everything that was measured is y."""
     n = y.size
     t_s = 0.005 * np.arange(n)
     used: NDArray[np.bool_] = np.ones(n, bool)
@@ -110,7 +111,7 @@ def world(y: Floats) -> dict[Any, Any]:
 
 
 def draws(name: str, y: Floats) -> Draw:
-    """The picture with its arguments."""
+    """Return the picture with its arguments bound."""
     one, known = PICTURES[name], world(y)
     wanted = {k: v for k, v in typing.get_type_hints(one).items() if k not in ("axes", "return")}
     given = {k: known[v] for k, v in wanted.items()}
@@ -138,13 +139,13 @@ def test_a_report_of_a_recording_that_shows_little_has_all_its_pictures(shape: s
 
 
 def broken(axes: Axes) -> str:
-    """Fails after a part of it has been drawn."""
+    """Fail after part of the picture has been drawn."""
     axes.plot([0.0, 1.0], [0.0, 0.0])
     raise RuntimeError("no $room for <it>")
 
 
 def broken_ticks(axes: Axes) -> str:
-    """Fails where matplotlib computes the ticks, after the function itself has returned."""
+    """Fail where matplotlib computes the ticks, after this function has returned."""
     axes.xaxis.set_major_formatter(lambda _x, _pos: 1 / 0)  # type: ignore[arg-type, return-value]
     return "never seen"
 
@@ -192,7 +193,7 @@ def test_the_story_is_drawn_however_it_ended_with_no_line_beyond_its_data(
 
 
 def pattern_story(state: str = "accepted") -> SimpleNamespace:
-    """A pattern of 4 s, followed 0.02 um off, then 0.3 um off, then 0.03 um off."""
+    """Return the story of a 4 s pattern that is followed 0.02 um off, then 0.3 um, then 0.03 um."""
     t_s = np.arange(0.0, 60.0, 0.01)
     target = 5.0 + 4.0 * np.sin(2 * np.pi * t_s / 4.0)
     off = np.where(t_s < 20.0, 0.02, np.where(t_s < 40.0, 0.3, 0.03))
@@ -231,7 +232,7 @@ def test_the_close_looks_show_the_same_second_and_are_distinguished() -> None:
     for other in targets[1:]:
         np.testing.assert_allclose(other, targets[0], atol=1e-6)
     low, high = panels[1].get_ylim()
-    assert 0.05 * (high - low) < 0.3  # the effect is seen: a twentieth of the height or more
+    assert 0.05 * (high - low) < 0.3  # the effect is visible: a twentieth of the height or more
 
 
 def test_a_trial_too_short_to_have_that_second_gets_no_close_look() -> None:

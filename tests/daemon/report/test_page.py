@@ -1,4 +1,4 @@
-"""The page builder and the look of pictures, judged by the standard library's own HTML parser."""
+"""The page builder and the style of pictures, judged by the standard library's own HTML parser."""
 
 import base64
 import struct
@@ -95,7 +95,7 @@ def test_pictures_side_by_side_are_one_png():
     png = draw_side_by_side([line, line, line], (1.0, 1.0, 2.0))
     width, height = struct.unpack(">II", png[16:24])
     assert width > 2 * height
-    assert draw_side_by_side([line, line, line], (1.0, 1.0, 2.0)) == png  # nothing of the run in it
+    assert draw_side_by_side([line, line, line], (1.0, 1.0, 2.0)) == png  # independent of the run
 
 
 def test_a_long_trace_keeps_its_peak():
@@ -118,7 +118,7 @@ def test_white_noise_lies_on_its_line():
     assert np.median(density[f > 10]) == pytest.approx(white_density(0.3, 1e-3), rel=0.05)
     assert finite_rms(np.r_[noise, np.nan]) == pytest.approx(0.3, rel=0.02)
     assert finite_rms(np.array([np.nan])) == 0.0
-    behind = np.r_[noise, np.full(MOST_ROWS, np.nan)]  # a long recording, of which the end is open
+    behind = np.r_[noise, np.full(MOST_ROWS, np.nan)]  # the end of a long recording is missing
     assert estimate_density([behind], 1e-3)[1] == pytest.approx(density)
 
 

@@ -1,4 +1,5 @@
-"""Compiling is reported: what for, how far, how long. numba compiles something here."""
+"""Compilation is reported: its purpose, its progress and its duration. numba really compiles
+here."""
 
 import io
 import math
@@ -19,12 +20,12 @@ from dehyst.daemon.terminal import compiling
 
 @pytest.fixture(autouse=True)
 def _nothing_said_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As in a process of its own."""
+    """As in a new process."""
     monkeypatch.setattr(log_lines, "_counts", -1)
 
 
 def fresh_kernel() -> Callable[[float], float]:
-    """One that calls another; neither is kept on the disk."""
+    """Return a kernel that calls another one; neither is cached on disk."""
 
     @njit
     def inner(x: float) -> float:
@@ -99,7 +100,7 @@ def test_what_is_soon_done_or_there_already_is_not_worth_a_word(
     with compiling.compiling_reported("dehyst core", in_pipes=True):
         fresh_kernel()(4.0)
     monkeypatch.setattr(compiling, "SILENT_S", 0.0)
-    with compiling.compiling_reported("dehyst identify"):  # no terminal reads it
+    with compiling.compiling_reported("dehyst identify"):  # stderr is not a terminal
         fresh_kernel()(4.0)
     assert capsys.readouterr().err == ""
 
@@ -123,7 +124,7 @@ def test_all_kernels_of_the_product_are_counted() -> None:
 
 
 class Slow:
-    """Stands for a kernel that numba compiles for a long time."""
+    """Stands in for a kernel that numba compiles for a long time."""
 
     def __init__(self, name: str) -> None:
         self.data = {"dispatcher": SimpleNamespace(py_func=SimpleNamespace(
@@ -178,13 +179,13 @@ def test_on_a_terminal_one_line_is_written_anew_all_the_time(
 
 
 def wakes(thread: threading.Thread) -> int:
-    """How often the kernel has let this thread run after it had waited."""
+    """Return how often the operating system has resumed this thread after a wait."""
     status = Path(f"/proc/self/task/{thread.native_id}/status").read_text()
     return int(status.split("\nvoluntary_ctxt_switches:")[1].split()[0])
 
 
 def test_while_nothing_is_compiled_its_thread_sleeps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A process with deadlines shares its interpreter with this thread."""
+    """The thread shares its interpreter with a process that has deadlines."""
     monkeypatch.setattr(compiling, "TICK_S", 0.01)
     with compiling.compiling_reported("dehyst core", in_pipes=True):
         fresh_kernel()(4.0)

@@ -109,7 +109,7 @@ def test_a_large_terminal_shows_all_numbers_and_no_more_of_a_box_than_there_are_
             text.splitlines().index(next(line for line in text.splitlines() if "events" in line)) :
         ]
         assert len(box) == lines
-    assert "22:13:19 refused 2 x: no" in text  # by the controller's clock of the status
+    assert "22:13:19 refused 2 x: no" in text  # by the controller's clock, from the status
     assert braille(text) >= 20
 
 
