@@ -112,7 +112,8 @@ def test_a_planted_entry_is_not_loaded(installed: Path, tmp_path: Path, how: str
 
 @as_root
 def test_the_planted_entry_would_have_run(installed: Path, tmp_path: Path) -> None:
-    """The mark works: an entry that the owner left is read."""
+    """The mark works: an entry left by the owner is read, so the other tests would notice a planted
+    one."""
     mark = tmp_path / "mark"
     index = next(p for p in installed.rglob("*.nbi") if p.name.startswith("ring.load_word"))
     index.write_bytes(pickle.dumps(Mark(mark)))

@@ -28,7 +28,8 @@ os._exit(7)
 
 @pytest.mark.parametrize("kind", BAD_LOGS)
 def test_a_writer_ends_as_it_wants_whatever_becomes_of_its_log(kind: str, tmp_path: Path) -> None:
-    """More is written than any queue holds, through Python and directly to the descriptor."""
+    """A process ends as it wants although it writes more than any queue holds, through Python and
+    directly to the descriptor, into a log that cannot be written."""
     try:
         with BAD_LOGS[kind](tmp_path) as (file, spoil):
             spoil()

@@ -32,7 +32,7 @@ def test_it_is_the_one_that_the_stage_gives() -> None:
 
 
 def test_a_start_on_it_waits_for_no_compiler() -> None:
-    """Importing numba takes half a second of a start."""
+    """A start with the shipped model does not import numba, which would take half a second."""
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT], capture_output=True, text=True, check=False, timeout=60
     )

@@ -152,7 +152,8 @@ def test_clients_find_and_command_controllers_through_a_router(
 
 @pytest.mark.timeout(300)  # ten processes start, which takes time on a busy machine
 def test_nothing_is_lost_between_two_daemons_and_four_subscribers() -> None:
-    """The benchmark for 20 daemons and 50 subscribers, made small (`dehyst run`, real loops on the
+    """Every subscriber receives every sample, status and event, and every command is answered. A
+    small form of the benchmark with 20 daemons and 50 subscribers (`dehyst run`, real loops on the
     simulated stage)."""
     result = controllers.run(2, 4, 4.0)
     assert result.samples > 4 * 100

@@ -23,7 +23,8 @@ def address() -> str:
 
 
 def test_a_client_that_takes_nothing_for_3_s_is_ended_by_the_kernel(address: str) -> None:
-    """The limit is read from the gateway's own sockets, so the machine's load does not matter."""
+    """The kernel ends the connection of a client that accepts no data for 3 s. The limit is read
+    from the gateway's own sockets, so the machine's load does not matter."""
     with Bus.serve([address], []), Bus.connect([address]):
         port, limits = int(address.rpartition(":")[2]), []
         for name in os.listdir("/proc/self/fd"):
@@ -73,7 +74,8 @@ def test_publish_ask_and_see_who_is_there(address: str) -> None:
 def test_closed_from_a_daemon_thread_it_leaves_no_thread_to_the_interpreters_end(
     address: str,
 ) -> None:
-    """Such a thread aborts the program if it wakes while the interpreter ends."""
+    """A closed session leaves no daemon thread: one that wakes while the interpreter ends aborts
+    the program."""
     entered, leave, opened, end = (threading.Event() for _ in range(4))
     before = set(threading.enumerate())
 

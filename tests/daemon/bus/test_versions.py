@@ -24,7 +24,8 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
 
 
 def test_a_client_of_the_older_keys_is_reported_in_words(bench: Bench) -> None:
-    """As the client of 0.1.0 does: find the token, ask for the status, show the error."""
+    """A client of 0.1.0 finds the daemon's token, asks for the status, and gets an error that says
+    to update the client."""
     with Bus.connect([bench.address]) as bus:
         assert list(bus.alive("dehyst/@v0/*/alive")) == ["dehyst/@v0/bench/alive"]
         with pytest.raises(BusError, match=r"refused: .*speaks @v1 of the bus; update the client"):

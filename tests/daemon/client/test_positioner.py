@@ -90,8 +90,9 @@ def test_it_says_how_it_knows_and_that_the_gauge_disagrees(
 
 @pytest.mark.parametrize("by", ["model", "gauge", "model-alone"])
 def test_a_stage_that_gives_no_reading_is_not_there(by: Literal["model", "gauge"]) -> None:
-    """Without a valid reading a positioner that judges by the model or the gauge must not report
-    arrival. The telemetry is as the loop writes it for a gauge that reads NaN."""
+    """If the gauge reads NaN, a positioner that judges by the gauge, or by the model with the gauge
+    as a check, does not report arrival: the stage may be anywhere. The telemetry is as the loop
+    writes it."""
     samples = np.zeros(200, TELEMETRY)
     samples["seq"], samples["scheduled_ns"] = np.arange(200), 5_000_000 * np.arange(1, 201)
     samples["target"] = samples["predicted"] = 4.0
@@ -114,7 +115,8 @@ def test_a_stage_that_gives_no_reading_is_not_there(by: Literal["model", "gauge"
 
 
 def test_one_that_another_process_made_says_so_and_waits_for_nothing() -> None:
-    """As in a forked child, where none of its threads run."""
+    """A positioner that a forked child inherits refuses every call at once, because none of its
+    threads run there."""
     stage = Positioner.__new__(Positioner)
     stage._process, stage._stopping = os.getppid(), threading.Event()
     for ask in (lambda: stage.go(4.0), stage.read, stage.stop):

@@ -139,7 +139,7 @@ def test_where_the_loop_held_it_is_not_learned_at_the_wrong_places() -> None:
 
 
 def test_a_slow_gauge_is_learned_from_too() -> None:
-    """Only every third reading is fresh."""
+    """The error is learned even if only every third reading is fresh."""
     loop = Loop()
     loop.taker.start_ns = loop.start_ns
     add = loop.taker.add

@@ -101,8 +101,8 @@ def test_report_is_self_contained(written):
 
 
 def test_report_says_things_in_the_order_in_which_they_are_needed(written):
-    """The report is ordered as a reader needs it: the data, the verdict in a sentence with its pair
-    of figures, findings with their pictures, excluded effects, what to record next."""
+    """The report follows the reader's needs: the data, the verdict in a sentence with its pair of
+    figures, findings with their pictures, excluded effects, what to record next."""
     _, out, _ = written
     text = (out / "report.html").read_text()
     parts = (

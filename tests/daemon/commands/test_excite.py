@@ -69,7 +69,8 @@ limits = {min_v = 0.0, max_v = 100.0, slew_v_per_s = 2000.0}
 def test_with_a_configuration_the_drive_is_one_that_the_stage_can_take(
     tmp_path: Path, more: list[str]
 ) -> None:
-    """The drive is in the model's unit, here a tenth of the actuator's volts."""
+    """A drive for a configuration keeps its range, slew and rate in the model's drive unit, here a
+    tenth of the actuator's volts."""
     config, out = tmp_path / "stage.toml", tmp_path / "drive.csv"
     config.write_text(CONFIG)
     assert main(["excite", "--config", str(config), *more, "-o", str(out)]) == 0

@@ -121,7 +121,8 @@ def test_record_interrupted_and_killed(tmp_path: Path, model: Path) -> None:
 
 
 def test_record_beside_a_gateway_that_knows_no_loop_yet(tmp_path: Path, model: Path) -> None:
-    """`record` waits for the units until a loop runs; an interrupt before that leaves no file."""
+    """`record` waits for the units until a loop runs; if it is interrupted before that, it leaves
+    no file."""
     service = Service(tmp_path, model)
     gateway = dehyst("gateway", "--config", str(service.config))
     try:

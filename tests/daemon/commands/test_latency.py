@@ -169,7 +169,8 @@ def test_histogram_keeps_all_windows_and_counts_every_duration_once() -> None:
 
 @pytest.mark.skipif(not os.access(IDLE_LATENCY, os.R_OK | os.W_OK), reason=f"no {IDLE_LATENCY}")
 def test_idle_states_are_bounded_while_the_process_lives() -> None:
-    """The kernel itself reports the exit latency that all requests together allow."""
+    """The process keeps the CPUs out of deep idle states while it lives, and only then. The kernel
+    itself reports the exit latency that all requests together allow."""
 
     def now() -> int:
         return int.from_bytes(Path(IDLE_LATENCY).read_bytes()[:4], "little", signed=True)

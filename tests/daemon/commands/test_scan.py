@@ -77,7 +77,8 @@ def test_a_raster_about_the_middle_of_the_reach(
 def test_what_cannot_be_followed_is_not_written(
     config: Path, tmp_path: Path, words: list[str], says: str, capsys: pytest.CaptureFixture
 ) -> None:
-    """The second path is out of reach only because of what y adds to x: 0.2 times 2.5 to 6.5 um."""
+    """A path that the stage cannot follow is refused in one line and no file is written. The second
+    one is out of reach only because of what y adds to x: 0.2 times 2.5 to 6.5 um."""
     out = tmp_path / "path.csv"
     assert main(["scan", *words, "--config", str(config), "-o", str(out)]) == 2
     error = capsys.readouterr().err

@@ -58,7 +58,8 @@ def test_worse_than_it_claims_is_a_finding(
 
 
 def test_a_recording_may_begin_anywhere(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Here the first loop is over before the recording begins."""
+    """The rms error does not depend on where the recording begins: here the first loop is already
+    over."""
     t = np.arange(6000) * T
     u = 3.5 - 3.5 * np.cos(2 * np.pi * 3 * t)
     y = simulate_hysteresis(shipped("paper-eq12").hysteresis, u, T)

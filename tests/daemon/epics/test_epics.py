@@ -204,7 +204,7 @@ def test_another_client_is_seen_and_respected(bench: Bench, served: Served) -> N
 
 
 def test_beacons_that_nobody_hears_are_not_on_the_screen(bench: Bench, tmp_path: Path) -> None:
-    """Without a repeater the kernel refuses every beacon but the first; that must not be
+    """Without a repeater the kernel refuses every beacon but the first; these refusals are not
     printed."""
     log = tmp_path / "epics.txt"
     command = [sys.executable, "-m", "dehyst.daemon.main", "epics", "--connect", bench.address]

@@ -113,8 +113,8 @@ def test_absurd_names_end_in_one_line(capsys: pytest.CaptureFixture[str]) -> Non
 def test_an_array_header_that_is_no_python_ends_in_one_line(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """numpy reads the header of an array as a Python literal, and lets errors of the tokenizer
-    escape."""
+    """A damaged array header is refused in one line. numpy reads the header as a Python literal and
+    lets errors of the tokenizer escape."""
     header = {
         "token": b"{'descr': '<f8', 'fortran_order': False, 'shape': (3,",
         "type": b"{'descr': [1, 2], 'fortran_order': False, 'shape': (3,), }",
@@ -159,7 +159,7 @@ def bomb_npz() -> None:
 
 
 def test_the_archive_of_zeros_is_a_whole_one() -> None:
-    """It must be refused for its size, not for damage."""
+    """The archive of zeros is intact, so that it is refused for its size and not for damage."""
     bomb_npz()
     with zipfile.ZipFile("bomb.npz") as members, members.open("u_v.npy") as member:
         assert members.getinfo("u_v.npy").compress_size < 16 << 20

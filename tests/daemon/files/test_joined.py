@@ -45,7 +45,8 @@ def test_every_sample_is_given_once_and_none_before_it_has_come_of_all(seed: int
 
 
 def test_where_the_clock_starts_anew_it_begins_again_with_what_all_have() -> None:
-    """After a reboot one axis arrives first, and older samples of another one follow."""
+    """After a reboot, joining starts again with the first sample that all axes have, although one
+    axis arrives first and older samples of another one follow."""
     held = JoinedTelemetry("xy")
     held.add("x", telemetry([900, 901, 902, 903], 1.0))
     held.add("y", telemetry([900, 901], 1.0))

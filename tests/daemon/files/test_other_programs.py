@@ -111,7 +111,8 @@ def test_a_small_file_does_not_keep_a_library_busy_for_long(
 
 
 def test_a_name_of_several_lines_is_said_in_one(tmp_path: Path) -> None:
-    """In a file of dehyst's own form, and in one of another program."""
+    """Column names with line breaks and control characters are shown as printable text, in a file
+    of dehyst's own form and in one of another program."""
     for t_s in ("t_s", "Time (s)"):
         path = tmp_path / "a.npz"
         np.savez(path, **{t_s: T, "u_v": U, "y\n\x1b[2J": Y, "big\nger": 1e200 * Y})
@@ -213,7 +214,8 @@ def test_columns_that_say_nothing_are_refused(text: str) -> None:
 def test_who_lacks_the_library_is_asked_to_install_the_extra(
     tmp_path: Path, name: str, module: str, extra: str
 ) -> None:
-    """Runs in a process in which that module cannot be imported."""
+    """If the library for a file is not installed, the error names the extra to install. The reader
+    runs in a process that cannot import the module."""
     KINDS[name][0](tmp_path / name)
     program = (
         "import sys; sys.modules[sys.argv[1]] = None; import runpy\n"

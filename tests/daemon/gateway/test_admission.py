@@ -217,8 +217,9 @@ def test_a_chunk_must_begin_after_the_one_before(gate: Gate) -> None:
 @settings(max_examples=50)
 @given(st.lists(st.tuples(st.floats(0.05, 3.0), st.booleans()), min_size=1, max_size=40))
 def test_the_queue_never_holds_more_than_configured(steps: list[tuple[float, bool]]) -> None:
-    """Chunks of random length arrive at random times; the reference queue is simulated directly:
-    the loop plays from the first chunk on and reports now and then."""
+    """The loop's queue never holds more than the configured 10 s. Chunks of random length arrive at
+    random times; the reference queue is simulated directly: the loop plays from the first chunk on
+    and reports now and then."""
     gate = Gate()
     gate.request(1, "acquire")
     core, sent_s, begun, index = gate.gate.core, 0.0, 0, 0

@@ -55,7 +55,8 @@ def gates() -> Gates:
     ],
 )
 def test_a_lease_is_for_all_or_none_whatever_the_other_holds(mine: str, theirs: str) -> None:
-    """Brute force over the sets of axes that two clients request."""
+    """A lease is granted for all requested axes or for none, for every pair of sets that two
+    clients can request; a take-over always succeeds."""
     gates = Gates()
     assert gates.ask(1, "acquire", mine).ok
     before = gates.holders()

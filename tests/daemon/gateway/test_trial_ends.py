@@ -252,8 +252,8 @@ def test_a_loop_that_never_runs_it_ends_the_trial(story: Callable[..., Story], r
 def test_an_error_that_passes_after_the_switch_does_not_end_it(
     story: Callable[..., Story],
 ) -> None:
-    """At the switch the state is computed from a bounded past: older motion causes an error that
-    decays and must not end the trial."""
+    """An error that decays after the switch does not end the trial: the new model's state is
+    computed from a bounded past, so older motion shows for a while."""
     one = story(scaled(1.0))
     one.move(set_points, 6.0)
     one.offer()

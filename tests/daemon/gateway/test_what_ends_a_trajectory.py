@@ -98,7 +98,8 @@ def test_a_new_gateway_without_a_point_in_the_ring_begins_with_nothing() -> None
 
 
 def test_a_link_that_grows_slower_is_not_taken_for_a_clock_that_drifts(gate: Gate) -> None:
-    """Each renewal takes 0.4 s longer to arrive than the one before, 4 s in the end."""
+    """If each renewal takes 0.4 s longer than the one before, 4 s in the end, a set-point that is
+    as late is refused, and one that is in time is accepted."""
     for i in range(1, 11):
         gate.now += 2 * S
         assert gate.request(1, "renew", sent_ns=gate.sent(1, ago_s=0.4 * i)).ok
@@ -107,7 +108,8 @@ def test_a_link_that_grows_slower_is_not_taken_for_a_clock_that_drifts(gate: Gat
 
 
 def test_a_clock_that_goes_wrong_by_half_a_thousandth_makes_no_command_late(gate: Gate) -> None:
-    """A clock loses 0.05 % for two hours: 3.6 s in all, where 2 s are allowed."""
+    """A client's clock that loses 0.05 % makes no command late: within two hours it is off by 3.6
+    s, where 2 s are allowed."""
     for i in range(3600):
         gate.now += 2 * S
         gate.skew[1] -= round(0.0005 * 2 * S)
@@ -123,8 +125,8 @@ def test_an_hour_of_silence_ends_the_lease_whatever_the_drift() -> None:
 
 
 def test_who_takes_an_ended_lease_cannot_go_on_with_the_others_trajectory(gate: Gate) -> None:
-    """Trajectory numbers of two clients may be equal; nobody took over, so nothing has ended the
-    first client's trajectory."""
+    """The next holder of a lease cannot continue the trajectory of the previous one, although the
+    two clients' trajectory numbers may be equal and nobody took over."""
     assert gate.chunk(0, grid(0.0, 1.0)).ok
     gate.now += 4 * S
     assert gate.request(2, "acquire").ok

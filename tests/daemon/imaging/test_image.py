@@ -45,8 +45,8 @@ def test_two_runs_give_the_same_figures(facts: dict[str, Any]) -> None:
 def test_the_distortion_is_that_of_the_places_in_the_file(
     folder: Path, facts: dict[str, Any]
 ) -> None:
-    """Computed by least squares over the file's own columns, where the lines run at constant
-    speed."""
+    """The reported distortion agrees with least squares over the file's own columns, where the
+    lines run at constant speed."""
     with h5py.File(folder / "image.h5") as file:
         for name, said in facts["pictures"].items():
             square = 0.0

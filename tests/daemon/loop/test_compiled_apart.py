@@ -45,7 +45,8 @@ types each half then exists. Needs a process in which nothing else has called th
 
 
 def test_each_half_is_what_the_loop_then_calls() -> None:
-    """A half that was compiled for other types would be compiled again by its caller."""
+    """Each half is compiled for exactly the types with which the loop calls it; otherwise its
+    caller would compile it again."""
     done = subprocess.run(
         [sys.executable, "-c", SIGNATURES], capture_output=True, text=True, check=False, timeout=240
     )
@@ -66,7 +67,8 @@ def test_no_process_is_started_where_the_plan_is_on_disk(monkeypatch: pytest.Mon
 
 
 def test_a_process_that_dies_costs_time_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The main process then compiles everything itself."""
+    """If the second process dies, the first one compiles everything itself and only time is
+    lost."""
     monkeypatch.setattr(compiled_apart, "plan_is_on_disk", lambda: False)
     start = subprocess.Popen
     monkeypatch.setattr(

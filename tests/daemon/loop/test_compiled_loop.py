@@ -135,9 +135,9 @@ def test_a_look_at_the_clock_costs_time_in_both(  # the virtual clocks agree
 
 @pytest.mark.parametrize("compiled", [False, True])
 def test_memory_does_not_grow_from_sample_to_sample(compiled: bool) -> None:
-    """An object that replaces an older one counts too, for a while. So the window that grew least
-    is taken, and each window is so long that such objects are little compared with one byte per
-    sample."""
+    """On average a sample leaves less than one byte allocated. Objects that replace older ones
+    count too, for a while; so the window that grew least is taken, and each window is so long that
+    such objects are little compared with one byte per sample."""
     samples = 4000
     rig = Rig(next(names))
     rig.play([command(LoopCommand.SETPOINT, 4.0)], 600, compiled)

@@ -22,7 +22,8 @@ def steps(bench: Bench, first: int) -> np.ndarray:
 @pytest.mark.parametrize("volts", [0.0, 30.0, 75.0])
 @pytest.mark.parametrize("kind", ["set-point", "trajectory"])
 def test_an_approach_begins_where_the_stage_stands(volts: float, kind: str) -> None:
-    """The output is at `volts` when the first command comes; a drive of 0 to 10 makes about as many
+    """An approach starts at the stage's present position, so that the output does not jump. The
+    output is at `volts` when the first command comes; a drive of 0 to 10 makes about as many
     micrometres."""
     bench = Bench(volts)
     stands = bench.stepper.record[0]["predicted"]
@@ -54,7 +55,8 @@ def wave(count: int) -> list[float]:
 
 
 def test_after_a_stand_still_it_glides_to_where_the_target_has_gone() -> None:
-    """The loop stood still for 0.2 s, in which the wave moved on by more than 2 um."""
+    """After a pause of 0.2 s, in which the wave moves on by more than 2 um, the stage glides to the
+    target instead of jumping."""
     bench = Bench()
     bench.send(points(4, wave(3000), 0, True), n=700)
     before = len(bench.volts)
@@ -70,8 +72,8 @@ def test_after_a_stand_still_it_glides_to_where_the_target_has_gone() -> None:
 
 
 def test_samples_of_a_glide_are_flagged_so_that_nobody_judges_a_model_by_them() -> None:
-    """While the stage is further from the target than its ordinary error, its samples are
-    flagged."""
+    """Samples are flagged while the stage is further from the target than its ordinary error, so
+    that no model is judged by them."""
     bench = Bench()
     bench.send(points(4, wave(3000), 0, True), n=700)
     assert not bench.stepper.record[0]["flags"] & Flag.APPROACH
@@ -97,7 +99,8 @@ def test_a_stand_still_of_half_a_tenth_of_a_second_is_no_reason_to_glide() -> No
 
 
 def test_a_starved_stream_that_returns_is_reached_by_a_glide() -> None:
-    """Points for 0.5 s, none for 0.2 s, then all at once, 2 um further on."""
+    """When points come for 0.5 s, not for 0.2 s, and then all at once, 2 um further on, the stage
+    glides to them within the ramp rate."""
     bench = Bench()
     way = np.concatenate([np.linspace(0.0, 2.0, 500), np.full(200, 2.0), np.full(900, 4.0)])
     bench.send(points(4, way[:500].tolist(), 0, False), n=700)
@@ -191,7 +194,8 @@ def test_after_a_fault_the_model_is_led_from_the_output_as_it_was_found() -> Non
 
 
 def test_the_first_step_from_a_reported_output_is_half_as_long() -> None:
-    """The report may be wrong, and its error adds to the first step. 2000 V/s at 1 kHz: 2 V."""
+    """The first step from a reported output is half a slew step (2000 V/s at 1 kHz: 2 V), because
+    the report may be wrong and its error adds to the step."""
     fast = CONFIG + 'on_fault = "hold"\n[setpoint]\napproach_um_per_s = 1e5\n'
     bench = Bench(30.0, fast)
     bench.tick(n=20)
@@ -247,7 +251,8 @@ def test_a_wild_value_that_passed_the_gate_changes_nothing(wild: float, kind: Lo
 
 
 def test_an_inverse_that_says_nan_leaves_the_output_where_it_is_and_flags_it() -> None:
-    """The last check before the amplifier: here the loop's own settings are corrupted."""
+    """The last check before the amplifier keeps the output if the computed voltage is NaN; here the
+    loop's own settings are corrupted."""
     bench = Bench()
     bench.tick((LoopCommand.SETPOINT, 4.0), n=500)
     held = bench.stepper.volts
@@ -259,8 +264,8 @@ def test_an_inverse_that_says_nan_leaves_the_output_where_it_is_and_flags_it() -
 
 @pytest.mark.parametrize(("wild_v", "end_v"), [(500.0, 75.0), (-500.0, 0.0)])
 def test_the_last_wall_holds_range_and_slew(wild_v: float, end_v: float) -> None:
-    """A safe voltage far outside the range and an unlimited ramp, which no configuration can
-    request."""
+    """The last check before the amplifier keeps range and slew, even for a safe voltage far outside
+    the range and an unlimited ramp, which no configuration can request."""
     bench = Bench(30.0)
     bench.stepper._numbers["safe_v"], bench.stepper._numbers["ramp_v"] = wild_v, 1e6
     bench.tick((LoopCommand.RELEASE, 0.0), n=2)

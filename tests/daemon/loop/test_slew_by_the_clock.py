@@ -38,8 +38,8 @@ def worst_excess(time_s: NDArray[np.float64], volts: NDArray[np.float64], slew: 
 
 
 def test_the_measure_finds_what_was_found() -> None:
-    """10 V in 4.9 ms are 5.1 V more than 1000 V/s allows; comparing neighbouring samples would find
-    this only by chance."""
+    """`worst_excess` finds 10 V in 4.9 ms, 5.1 V more than 1000 V/s allows; comparing neighbouring
+    samples would find this only by chance."""
     t = np.array([0.0, 10.0, 26.5, 31.4, 41.0]) * 1e-3
     v = np.array([0.0, 10.0, 19.0, 29.0, 38.0])
     assert worst_excess(t, v, 1000.0) == pytest.approx(0.0051 * 1000.0)
@@ -174,8 +174,8 @@ class MisreportingAmplifier(SlowAmplifier):
 
 @pytest.mark.usefixtures("back_at_the_third_look")
 def test_a_reported_voltage_is_not_written_back() -> None:
-    """Back again at about 100 V, it ramps to 5 V in steps of 0.4 V. Writing the reported voltage
-    before the first step would move the output by the error of the report."""
+    """Back again at about 100 V, the output ramps to 5 V in steps of 0.4 V. The reported voltage is
+    not written before the first step: that would move the output by the error of the report."""
     amplifier, rig = slow_rig(MisreportingAmplifier, "misreporting")
     rig.play([setpoint(10.0)], 500, compiled=False)
     volts = np.array([v for _, v in amplifier.log])

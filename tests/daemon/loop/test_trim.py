@@ -83,7 +83,7 @@ def test_without_trim_nothing_is_added() -> None:
 
 
 def test_a_trimmed_stage_that_held_goes_on_from_where_it_stands() -> None:
-    """After a stop, a hold and a new set-point at the same position the output hardly moves."""
+    """After a stop, a hold and a new set-point at the same position, the output hardly moves."""
     bench = Trimmed()
     for _ in range(30):
         bench.tick((LoopCommand.SETPOINT, 4.0), n=100)
@@ -229,7 +229,8 @@ def test_volts_keep_range_and_slew_whatever_the_gauge_says(todo: list) -> None:
 
 
 def test_a_moved_zero_is_in_the_status_at_once() -> None:
-    """Whoever compares readings with earlier ones needs the new zero."""
+    """A moved zero is in the status at the sample where it takes effect, for clients that compare
+    readings with earlier ones."""
     rig = Rig(next(names))
     shift = setpoint(-0.25)
     shift["kind"] = LoopCommand.ZERO

@@ -13,7 +13,8 @@ from dehyst.models.learning.why import Why
 @pytest.mark.parametrize("share", [0.0, 0.02, -0.02])
 @pytest.mark.parametrize("after_s", [0.1, 0.5, 1.5])
 def test_on_target_again_after_a_loop_that_died(share: float, after_s: float) -> None:
-    """From some time after the restart the reading is off by a share of the reach."""
+    """After a restart the trim brings the stage back on target, also if the reading is off by a
+    share of the reach from some time after the restart on."""
     one = rig()
     low, high = one.reach
     for death in range(4):

@@ -116,8 +116,8 @@ def test_a_ring_cut_short_is_refused_by_name_and_mended_by_its_writer(
 
 
 def test_a_reader_of_the_file_survives_what_ends_one_of_the_mapping(tmp_path: Path) -> None:
-    """A mapping would end the process with SIGBUS, so the supervisor and `dehyst safe` map
-    nothing."""
+    """Reading a truncated ring's file raises BadInput. Reading a mapping would end the process with
+    SIGBUS, so the supervisor and `dehyst safe` map nothing."""
     path = tmp_path / "r"
     filled(path, capacity=100_000)
     reader = RingFile(path, PAIR)
@@ -129,7 +129,7 @@ def test_a_reader_of_the_file_survives_what_ends_one_of_the_mapping(tmp_path: Pa
 
 
 def test_a_refused_ring_leaves_no_file_open(tmp_path: Path) -> None:
-    """The supervisor reads a damaged ring twice a second and must not run out of descriptors."""
+    """A refused ring leaves no file open: the supervisor looks at a damaged one twice a second."""
     path = tmp_path / "r"
     filled(path)
     os.truncate(path, 64)
@@ -167,7 +167,8 @@ ANY_64_BITS = st.one_of(
 def test_no_header_whatever_is_in_it_ends_a_reader_or_a_writer(
     tmp_path_factory: pytest.TempPathFactory, ring: str, words: dict[int, int]
 ) -> None:
-    """For each ring: both ways to read it, the writer, and what the supervisor derives from it."""
+    """Random words in a header raise nothing but BadInput, for each ring: in both readers, in the
+    writer and in what the supervisor derives from it."""
     folder = tmp_path_factory.mktemp("header")
     path, dtype = folder / f"{ring}.ring", KINDS[ring]
     writer = Ring.create(path, dtype, 8, 77)

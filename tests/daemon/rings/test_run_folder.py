@@ -77,7 +77,8 @@ def test_a_folder_that_others_could_exchange_is_refused(tmp_path: Path) -> None:
 
 
 def test_links_laid_for_the_files_overwrite_nothing(tmp_path: Path) -> None:
-    """Every name that a ring uses while it is made is new, and no link is followed."""
+    """A link placed under the name of a run file is not followed, so its target is not overwritten;
+    every name that a ring uses while it is made is new."""
     victim = tmp_path / "victim"
     victim.write_text("precious")
     folder = tmp_path / "run"
@@ -107,7 +108,8 @@ def test_without_a_folder_of_the_user_the_name_holds_the_user(
 
 @pytest.mark.processes
 def test_no_room_is_said_and_leaves_nothing_behind(tmp_path: Path) -> None:
-    """Uses a file system of 64 kB; skipped where this machine does not let one be mounted."""
+    """A full disk is reported and leaves no file. Uses a file system of 64 kB; skipped where this
+    machine does not let one be mounted."""
     folder = tmp_path / "run"
     folder.mkdir(mode=0o700)
     mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "none", str(folder)]

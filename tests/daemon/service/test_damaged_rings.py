@@ -96,7 +96,8 @@ def test_random_bytes_in_a_ring_that_is_in_use(service: Service, name: str) -> N
 
 @pytest.mark.parametrize("name", ["telemetry", "event"])
 def test_a_ring_cut_short_in_use_costs_a_restart_at_most(service: Service, name: str) -> None:
-    """The loop may access the missing part before it notices: then the kernel ends it."""
+    """A ring that is cut short in use costs at most a restart: if the loop accesses the missing
+    part before it notices, the kernel ends it."""
     service.start()
     with service.client() as client:
         until(lambda: follows(client), 60.0, "the core follows commands")

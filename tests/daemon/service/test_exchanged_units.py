@@ -30,7 +30,8 @@ def test_the_foreign_unit_is_never_moved(tmp_path: Path, way: str, blank: bool) 
 def test_pin_accepts_the_unit_that_is_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """`config pin` also replaces the serial number that the configuration names."""
+    """`dehyst config pin` accepts the connected unit and replaces the serial number that the
+    configuration names; until then `dehyst safe` refuses the unit and does not move it."""
     save_model(kept_model(), tmp_path / "model.toml")
     rig = Exchanged(tmp_path, tmp_path / "model.toml", blank=False)
     try:

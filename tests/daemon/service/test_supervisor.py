@@ -143,8 +143,9 @@ def test_systemd_is_asked_for_time_while_core_and_safe_ramp(
 def test_both_killed_at_once_while_high_the_units_last_command_makes_it_safe(
     service: Service, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The command of ExecStopPost= runs with no other process left. The test prints the time;
-    tests.benchmarks.daemon.kills judges it, without byte code too."""
+    """If supervisor and core are killed at once, the unit's ExecStopPost= command alone makes the
+    output safe. The test prints the time; tests.benchmarks.daemon.kills judges it, without byte
+    code too."""
     service.start()
     volts = service.high(13.4, 117.0)
     assert volts > 115.0
@@ -191,7 +192,8 @@ def test_events_carry_their_time_and_belong_to_their_run(service: Service) -> No
 def test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready(
     tmp_path: Path, service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`systemctl status` shows the same state, through sd_notify."""
+    """While the gateway's port is taken, the daemon reports that it is not ready, also to
+    `systemctl status` through sd_notify, and the loop is not disturbed."""
     manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     manager.bind(str(tmp_path / "notify"))
     manager.setblocking(False)
@@ -244,7 +246,8 @@ def test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready(
 def test_who_was_started_by_a_supervisor_that_has_gone_ends_at_once(
     tmp_path: Path, model: Path, command: str
 ) -> None:
-    """The supervisor died before the kernel could be asked to signal its children."""
+    """A process ends at once if its supervisor died before the kernel could be asked to signal its
+    children."""
     with subprocess.Popen(["true"]) as gone:
         gone.wait()
     path = simulated_config(tmp_path, 100.0, model)

@@ -48,7 +48,8 @@ def test_a_second_one_on_the_same_run_folder_names_the_first(
 
 
 def test_a_second_run_of_the_same_name_is_refused(tmp_path: Path, model: Path) -> None:
-    """The two configurations have two amplifiers, one name and the default run folder."""
+    """A second `dehyst run` or gateway of the same name is refused and names the first. The two
+    configurations have two amplifiers, one name and the default run folder."""
     paths = []
     for name in ("a", "b"):
         folder = tmp_path / name

@@ -157,7 +157,8 @@ def test_one_file_says_what_is_for_all_axes_and_what_is_an_axis_own(tmp_path: Pa
 
 @pytest.mark.timing
 def test_the_gauge_readers_are_distinguished_by_what_moves_them(tmp_path: Path) -> None:
-    """Run `dehyst setup --axes 3` up to the gentle loops, with the ports in another order."""
+    """`dehyst setup --axes 3` assigns each gauge reader to the axis that moves it, although the
+    ports are given in another order. It runs up to the gentle loops."""
     bench = EmulatedBench(tmp_path, "--axes", "3")
     try:
         ports = [bench.ports[name] for name in ("ksg101-z", "ksg101-x", "mdt693b", "ksg101-y")]

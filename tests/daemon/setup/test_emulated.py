@@ -77,7 +77,8 @@ def test_the_units_were_distinguished_whatever_their_order(done: Any) -> None:
 
 
 def test_the_output_never_left_the_limits_that_were_asked_for(done: Any) -> None:
-    """Judged at the emulated amplifier itself; its converter has steps of 2.75 mV."""
+    """The amplifier's output stays within the requested range and makes no jump, judged at the
+    emulated amplifier itself; its converter has steps of 2.75 mV."""
     folder, *_ = done
     with np.load(folder / "output.npz") as data:
         volts = data["volts"]
@@ -116,7 +117,8 @@ def test_what_it_leaves_is_of_use(done: Any) -> None:
 
 
 def test_a_second_call_has_nothing_left_to_do_and_moves_nothing(done: Any) -> None:
-    """The ports no longer exist: a step that touched them would fail."""
+    """A second call finds every step done and moves nothing. The ports no longer exist: a step that
+    touched them would fail."""
     folder, *_ = done
     again = dehyst("setup", str(folder / "stage"), "--yes")
     _, err = again.communicate(timeout=60)

@@ -75,8 +75,8 @@ def test_a_drive_that_only_validates_need_not_excite_enough_for_a_model() -> Non
 
 
 def test_the_comparison_pairs_a_reading_with_the_target_of_the_voltage_in_force() -> None:
-    """If the stage is always where the voltage in force puts it, 0.3 um off, no error is left, even
-    where samples were late."""
+    """A reading is compared with the target of the voltage in force. If the stage is always where
+    that voltage puts it, 0.3 um off, no error is left, even where samples were late."""
     rate_hz, f_hz = 200.0, 1.0
     t_s = np.arange(1201) / rate_hz
     target = 5.0 - 4.0 * np.cos(2 * np.pi * f_hz * t_s)

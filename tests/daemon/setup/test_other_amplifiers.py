@@ -51,7 +51,8 @@ def test_from_one_unit_with_a_gauge_to_a_model_that_tracks(tmp_path: Path) -> No
 
 
 def test_a_bpc303_is_found_and_named(tmp_path: Path) -> None:
-    """It is driven as a KPC101 is; tests/drivers/apt runs both in the loop."""
+    """A BPC303 is found and named. It is driven as a KPC101 is; tests/drivers/apt runs both in the
+    loop."""
     words = ("--yes", "--emulated", "--amplifier", "bpc303", "--range", "0", "140")
     process = dehyst("setup", str(tmp_path), *words, "--until", "configuration")
     _, err = process.communicate(timeout=60)

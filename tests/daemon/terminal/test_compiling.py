@@ -185,7 +185,8 @@ def wakes(thread: threading.Thread) -> int:
 
 
 def test_while_nothing_is_compiled_its_thread_sleeps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The thread shares its interpreter with a process that has deadlines."""
+    """The reporting thread sleeps while nothing is compiled, because it shares its interpreter with
+    a process that has deadlines."""
     monkeypatch.setattr(compiling, "TICK_S", 0.01)
     with compiling.compiling_reported("dehyst core", in_pipes=True):
         fresh_kernel()(4.0)

@@ -76,9 +76,9 @@ def test_what_one_axis_cannot_is_reported_of_that_axis() -> None:
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_the_rate_that_is_offered_leaves_room_for_late_replies(count: int) -> None:
-    """Sets take 2 ms, late ones 3 ms; gauges take 0.1 ms, late ones 0.2 ms. That is 3.2 ms for each
-    axis and half a period for all: 150 Hz, for three axes 52 Hz. Up to 380 Hz and 127 Hz are
-    accepted."""
+    """The rate offered in a refusal leaves time for late replies. Sets take 2 ms, late ones 3 ms;
+    gauges take 0.1 ms, late ones 0.2 ms. That is 3.2 ms for each axis and half a period for all:
+    150 Hz, for three axes 52 Hz. Up to 380 Hz and 127 Hz are accepted."""
     offered = {1: "150", 3: "52"}[count]
     units = [(spec(1000.0, 2e-3, 3e-3), spec(2000.0, 1e-4, 2e-4))] * count
     with pytest.raises(BadInput, match=rf"device calls .* ms period; set .* to {offered} or less"):
@@ -91,8 +91,9 @@ def test_the_rate_that_is_offered_leaves_room_for_late_replies(count: int) -> No
 
 
 def test_where_a_report_and_the_sets_do_not_fit_into_a_period_is_known() -> None:
-    """With three outputs of one unit, two late ones take 8 ms, each gauge 0.5 ms, and a report in
-    place of one gauge 3.33 ms: 12.33 ms. One axis alone takes 3.33 ms twice."""
+    """The axes whose set must be skipped for a report are known from the times. With three outputs
+    of one unit, two late ones take 8 ms, each gauge 0.5 ms, and a report in place of one gauge 3.33
+    ms: 12.33 ms. One axis alone takes 3.33 ms twice."""
     several, one = specs(2000.0, 5e-4), specs(2000.0, 5e-4)[:1]
     joints = [(Unit(), (0, 1, 2))]
     assert crowded(12.8e-3, several, joints) == dict.fromkeys(range(3), (0, 1, 2))
