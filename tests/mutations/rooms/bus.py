@@ -6,7 +6,7 @@ ENCODING, MESSAGES = "daemon/bus/encoding.py", "daemon/bus/messages.py"
 SECURITY, KEYS = "daemon/bus/security.py", "daemon/bus/keys.py"
 MESSAGE_TESTS = ("tests/daemon/bus/test_encoding.py",)
 ROUTED = "tests/daemon/bus/test_router.py::test_no_way_through_a_router_without_credentials"
-SECURITY_TESTS = ("tests/daemon/bus/test_security.py", "tests/daemon/bus/test_certificates.py")
+SECURITY_TESTS = ("tests/daemon/bus/test_security.py", "tests/daemon/bus/test_keys.py")
 
 
 CHANGES = [
