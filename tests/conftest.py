@@ -1,4 +1,4 @@
-"""What all tests share."""
+"""Fixtures and hooks that all tests share."""
 
 import os
 import signal
@@ -6,7 +6,7 @@ import sys
 import tempfile
 import threading
 
-# as `dehyst` itself does, before numpy is imported
+# `dehyst` itself does this too, before numpy is imported
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -22,20 +22,21 @@ from tests.rigs import starts
 from dehyst.daemon import kernel_cache
 
 ROOT = Path(__file__).resolve().parent.parent
-# started in the background of a script, tests would start programs that react to no interrupt
+# a shell script starts background jobs with SIGINT ignored; programs that the tests start would
+# inherit that
 if (
     threading.current_thread() is threading.main_thread()
     and signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 ):
     signal.signal(signal.SIGINT, signal.default_int_handler)
-# byte code is kept on disk: else each of a thousand processes compiles all that it imports
+# keep byte code on disk: otherwise each of a thousand processes compiles all that it imports
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
-if "PYTEST_XDIST_WORKER" not in os.environ:  # its workers come after it
+if "PYTEST_XDIST_WORKER" not in os.environ:  # the xdist workers start after this
     kernel_cache.drop_stale()
 starts.watch()
-# what daemons of one name share, no two tests that run beside each other share, and no daemon of
-# this machine's user either
+# daemons of the same name share files here: neither parallel tests nor a daemon of this machine's
+# user may share them
 RUNTIME = tempfile.TemporaryDirectory(prefix="dehyst-run-")
 os.environ["XDG_RUNTIME_DIR"] = RUNTIME.name
 settings.register_profile("no times are judged", deadline=None)
@@ -43,14 +44,14 @@ settings.load_profile("no times are judged")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Kernels are loaded as `dehyst` loads them, but not by who only hands out tests."""
+    """Load kernels as `dehyst` loads them, except in the process that only distributes tests."""
     if hasattr(config, "workerinput") or not config.getoption("numprocesses", None):
         kernel_cache.load_lightly()
 
 
-@pytest.hookimpl(tryfirst=True)  # xdist reads the groups in its own
+@pytest.hookimpl(tryfirst=True)  # xdist reads the groups in its own hook
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what starts a process, and keep together what shares a rig of its module."""
+    """Mark tests that start a process, and keep tests that share a module's rig in one worker."""
     for item in items:
         name = item.cls.__name__ if getattr(item, "cls", None) else item.originalname  # type: ignore[attr-defined]
         if starts.starts_something(item.path, name) or item.get_closest_marker("timing"):
@@ -71,21 +72,21 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
-    """The fixtures of a quick test start nothing."""
+    """Forbid the fixtures of a quick test to start a process."""
     with nullcontext() if item.get_closest_marker("processes") else starts.guard():
         return (yield)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
-    """And it does not start anything itself."""
+    """Forbid a quick test itself to start a process."""
     with nullcontext() if item.get_closest_marker("processes") else starts.guard():
         return (yield)
 
 
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
-    """Folder with recordings/ and concealed/: $DEHYST_DATA, else ../shared beside the project."""
+    """Return the folder of recordings/ and concealed/: $DEHYST_DATA, else shared/ next to ROOT."""
     folder = Path(os.environ.get("DEHYST_DATA") or ROOT.parent / "shared")
     if not (folder / "recordings").is_dir():
         pytest.skip(f"no recordings in {folder}; set DEHYST_DATA to the folder that holds them")

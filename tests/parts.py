@@ -1,24 +1,24 @@
-"""All tests in five parts, and one closing line for them.
+"""Run all tests in five parts, and print one summary line for them.
 
     python -m tests.parts [quick] [thorough] [timing] [processes] [alone]
 
-quick      what starts no process, no zenoh session and no pty, on all processors; a file's tests in
-           one worker, which compiles their kernels and makes their fixtures once
-thorough   the same where it takes longer: identification, diagnosis, the mismatch watch, recordings
-timing     what judges times and mostly waits, a worker for each processor; nothing that computes is
-           beside it
-processes  what starts something; tests that share a rig of their module in one worker, and one
-           worker more than there are processors, because they often wait; with two more, loops and
+quick      tests that start no process, no zenoh session and no pty, on all processors; one worker
+           runs a whole file, so that kernels are compiled and fixtures made once
+thorough   the same, for tests that take longer: identification, diagnosis, mismatch, recordings
+timing     tests that judge times and mostly wait, with a worker for each processor; nothing that
+           computes runs at the same time
+processes  tests that start something; those that share a module's rig run in one worker. There is
+           one worker more than processors, because they often wait; with two more, loops and
            clients of several tests are late together
-alone      what judges times and takes a processor for itself, one after another
+alone      tests that judge times and need a processor to themselves, one after another
 
-One part after another: what computes beside processes makes them late, and takes as long itself.
-Each part is given the files that have tests of it, because every worker imports what it is given.
-The longest files of `thorough` come first, so that no worker has one left when the other is done;
-xdist by itself begins with the files of most tests.
+The parts run one after another: computation next to `processes` would make it late, and takes as
+long by itself. Each part is given only the files with tests of it, because every worker imports
+all files that it is given. The longest files of `thorough` come first, so that no worker has one
+left when the others are done; by default xdist begins with the files with most tests.
 
-Every part is run, also after one that failed, and no test is run again. A plain `pytest` runs the
-same tests one by one. Exit status: 0 where all passed, else 1.
+Every part runs, even after one that failed, and no test is run twice. A plain `pytest` runs the
+same tests one by one. Exit status: 0 if all passed, else 1.
 """
 
 import os
@@ -42,7 +42,7 @@ THOROUGH = (
     "daemon/imaging", "daemon/benchmark/test_bench.py",
     "models/cascade/test_reach.py",
 )  # fmt: skip
-"""Folders and files of tests."""
+"""Folders and files of the tests in `thorough`."""
 LONGEST = (
     "models/diagnosis/test_hard_recordings.py", "models/inverse/test_compensator.py",
     "daemon/loop/test_random_life.py", "models/drive_design/test_excitation.py",
@@ -54,8 +54,9 @@ LONGEST = (
     "models/diagnosis/test_intervals.py", "models/diagnosis/test_times.py",
     "daemon/commands/test_identify.py",
 )  # fmt: skip
-"""Of `thorough`, by the processor time that they take: 22 to 5 s each, of 200 s. But beside the
-first one, which compiles the diagnosis, begin such as do not need it: two workers would both."""
+"""Files of `thorough`, by decreasing processor time: 22 to 5 s each, of 200 s in total. The first
+file compiles the diagnosis; the ones that start next to it do not need it, or both workers would
+compile it."""
 JOBS = str(len(os.sched_getaffinity(0)))
 PARTS = {
     "quick": ["-n", JOBS, "--dist", "loadfile", "-m", "not processes and not thorough"],
@@ -63,8 +64,8 @@ PARTS = {
         *("-n", JOBS, "--dist", "loadfile", "--no-loadscope-reorder"),
         *("-m", "thorough and not processes"),
     ],
-    # native: pytest's own tracebacks parse the source, and where threads do so at once, CPython
-    # 3.11 ends with "AST constructor recursion depth mismatch" and takes the worker with it
+    # native: pytest's own tracebacks parse the source, and if threads do so at once, CPython 3.11
+    # ends with "AST constructor recursion depth mismatch" and takes the worker with it
     "timing": [
         *("-n", JOBS, "--dist", "loadgroup", "--tb=native"),
         *("-m", "timing and not alone"),
@@ -79,12 +80,12 @@ SHOWN = ("failed", "passed", "skipped", "error")
 
 
 def is_thorough(path: Path) -> bool:
-    """Whether this file's tests are `thorough`."""
+    """Return whether this file's tests are `thorough`."""
     return str(path.relative_to(TESTS)).startswith(THOROUGH)
 
 
 def is_of(path: Path, part: str) -> bool:
-    """Whether this file has tests of this part, and perhaps of others."""
+    """Return whether this file has tests of this part; it may have tests of others too."""
     if part == "quick":
         return not is_thorough(path) and not starts_something_always(path)
     if part == "thorough":
@@ -95,7 +96,7 @@ def is_of(path: Path, part: str) -> bool:
 
 
 def files_of(part: str) -> tuple[Path, ...]:
-    """The files that have tests of this part, and perhaps of others; the longest ones first."""
+    """Return the files with tests of this part, the longest first; they may have others too."""
     files = [path for path in sorted(TESTS.rglob("test_*.py")) if is_of(path, part)]
     if part == "thorough":
         places = {name: place for place, name in enumerate(LONGEST)}
@@ -104,7 +105,7 @@ def files_of(part: str) -> tuple[Path, ...]:
 
 
 def run(part: str) -> tuple[int, Counter[str]]:
-    """(exit status of pytest, counts of its closing line) of one part, shown as it runs."""
+    """Run one part and show its output; return pytest's exit status and counts of its last line."""
     print(f"--- {part}", flush=True)
     command = [sys.executable, "-m", "pytest", "-q", *PARTS[part]]
     command += [os.path.relpath(path) for path in files_of(part)]
@@ -116,14 +117,14 @@ def run(part: str) -> tuple[int, Counter[str]]:
                 print(line, end="", flush=True)
                 last = line if line.strip() else last
         except BaseException:
-            process.terminate()  # pytest ends its workers
+            process.terminate()  # pytest ends its workers itself
             raise
     found = re.findall(r"(\d+) (failed|passed|skipped|error)", last)
     return process.returncode, Counter({word: int(count) for count, word in found})
 
 
 def main(parts: list[str]) -> int:
-    """Run these parts, all of them where none is named."""
+    """Run these parts, or all of them if none is named."""
     if unknown := set(parts) - PARTS.keys():
         print(f"no such part: {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
         return 2

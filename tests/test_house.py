@@ -1,4 +1,4 @@
-"""The house of the tests: the parts are distinguished rightly, and no test needs a benchmark."""
+"""Rules for the tests: the parts are distinguished correctly, and no test needs a benchmark."""
 
 import ast
 import multiprocessing

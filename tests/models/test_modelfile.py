@@ -1,4 +1,4 @@
-"""The model file: round trip to the last bit, and every damage named by its key."""
+"""The model file: an exact round trip, to the last bit; every defect is reported with its key."""
 
 import re
 import tomllib

@@ -1,5 +1,5 @@
-"""The cascade as a whole: one sample at a time is the array form; the compensator undoes what
-moves the stage and leaves what only the sensor does."""
+"""The whole cascade: running it sample by sample gives the array form; the compensator undoes what
+moves the stage and leaves what only affects the sensor."""
 
 import math
 
@@ -149,7 +149,7 @@ def _channels(n: int) -> dict[str, np.ndarray]:
 
 
 def _tracking(model: Model, preview_s: float, knows: Model | None = None) -> float:
-    """rms error [um] of the plant `model` when the compensator knows `knows`, after 0.3 s."""
+    """Return the rms error [um] of the plant `model` after 0.3 s for a compensator of `knows`."""
     knows = knows or model
     comp = Compensator(knows, DT, 0.0, 10.0, 1e4, "auto", preview_s)
     target = _target()
@@ -202,7 +202,7 @@ def test_all_blocks_together(rate: bool) -> None:
 
 @pytest.mark.parametrize("rate", [False, True])
 def test_a_delay_of_the_drive_is_undone_like_one_of_the_stage(rate: bool) -> None:
-    """The next drive is found from the drive that went out, not from the one that has arrived."""
+    """The next drive is computed from the drive that was output, not from the delayed one."""
     late = Block("delay", "drive", {"delay_s": 3.3e-3})
     at_stage = _tracking(_model(BLOCKS["delay"], rate=rate), 0.1)
     assert _tracking(_model(late, rate=rate), 0.1) < at_stage + 1e-3

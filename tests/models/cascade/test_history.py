@@ -1,4 +1,4 @@
-"""A recording may begin anywhere in a stage's life: the history that it shows is found."""
+"""A recording may begin anywhere in a stage's life; its history is estimated from the data."""
 
 from dataclasses import replace
 
@@ -19,8 +19,8 @@ def stage(*blocks: Block) -> Model:
 
 
 def begin_late(model: Model, before: list[float], zero: float) -> tuple[np.ndarray, ...]:
-    """A recording whose stage has been slowly to some drives before, read by a sensor that was
-    zeroed anew: t_s, u, y."""
+    """Return a recording (t_s, u, y) of a stage that was moved slowly to some drives before, read
+    by a sensor that was zeroed again."""
     corners = [0.0, *before, 4.0]
     way = np.interp(np.linspace(0.0, 1.0, 4000), np.linspace(0.0, 1.0, len(corners)), corners)
     u = 4.0 + 1.5 * np.sin(2 * np.pi * 2 * T * np.arange(1500))

@@ -1,4 +1,4 @@
-"""The reach of a whole model against the simulation of a slow triangle through every block."""
+"""The reach of a whole model, compared with the simulation of a slow triangle."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from dehyst.models.model import Block, Hysteresis, Model, Validity
 from dehyst.models.physics import PHYSICS
 
 NEAR = 0.005
-"""Of the range."""
+"""Tolerance as a share of the range."""
 
 
 @pytest.mark.parametrize("seeds", [range(0, 60), range(60, 120), range(120, 180)], ids=str)
@@ -27,12 +27,12 @@ def test_it_is_what_a_slow_triangle_reaches(seeds: range) -> None:
 def test_every_physics_is_among_the_random_cascades() -> None:
     drawn = {b.kind for seed in range(180) for b in random_cascade(seed).blocks}
     known = {kind.name for physics in PHYSICS.values() for kind in physics.kinds}
-    never = {"one_sided", "coupled_memory", "slow_drift", "lead", "ripple"}  # no specimen of theirs
+    never = {"one_sided", "coupled_memory", "slow_drift", "lead", "ripple"}  # no specimens
     assert known - drawn <= never
 
 
 def line(*blocks: Block) -> Model:
-    """1 um/V without hysteresis, 0 to 10 V."""
+    """Return a model of 1 um/V without hysteresis, 0 to 10 V."""
     return Model(
         Hysteresis(r=np.zeros(1), b=np.ones(1), c=np.array([0.0, 1.0])),
         Validity(0.0, 10.0),
@@ -50,7 +50,7 @@ def test_closed_forms() -> None:
     late = displacement_reach(line(Block("lag", "stage", {"tau_s": 0.5})), 0, 10)
     assert (late.low, late.high) == pytest.approx((0.0, 10.0))
     sensor = displacement_reach(line(Block("polynomial", "sensor", dict(bent.params))), 0, 10)
-    assert (sensor.low, sensor.high) == pytest.approx((0.0, 10.0))  # targets are the stage's
+    assert (sensor.low, sensor.high) == pytest.approx((0.0, 10.0))  # targets: of the stage
 
 
 def test_what_it_takes_for_granted_is_said() -> None:

@@ -1,4 +1,4 @@
-"""What leads to a recording counts for its memory alone."""
+"""The lead-in of a recording only sets the hysteresis memory; it is not fitted."""
 
 import numpy as np
 
@@ -26,4 +26,4 @@ def test_what_counts_alone() -> None:
     assert np.array_equal(rest.displacement, 2.0 * np.arange(20, 50))
     assert np.array_equal(rest.channels["c"], np.arange(20, 50))
     assert without_lead(ONE, 0.0) is ONE
-    assert without_lead(ONE, 99.0) is ONE  # better all than nothing
+    assert without_lead(ONE, 99.0) is ONE  # keeping all is better than keeping nothing

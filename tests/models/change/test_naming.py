@@ -1,4 +1,4 @@
-"""What is named first, and which models are tried: what one change alone removes decides."""
+"""Which finding is named first, and which models are tried, by what each change alone removes."""
 
 import math
 from dataclasses import InitVar, dataclass, replace
@@ -23,7 +23,7 @@ from dehyst.models.model import Block, Hysteresis, Model, Validity
 
 @dataclass(frozen=True)
 class F:
-    """A finding, as far as it is ranked."""
+    """The fields of a finding that the ranking uses."""
 
     name: str
     share: float = 0.5
@@ -43,7 +43,7 @@ def alone(
     confused_with: tuple[str, ...] = (),
 ) -> WeighedCause:
     plain = Hysteresis(np.zeros(1), np.ones(1), np.array([0.0, 1.0]))
-    tag = f"{name}-{place}"  # to tell the models apart
+    tag = f"{name}-{place}"  # distinguishes the models
     model = Model(plain, Validity(0.0, 1.0), tag)
     return WeighedCause(Cause(name, place, "", model, confused_with), left, new)
 
@@ -61,7 +61,8 @@ def test_what_is_new_is_reported_first() -> None:
 
 
 def test_what_is_little_beside_a_cause_that_the_diagnosis_does_not_name_is_not_first() -> None:
-    """Friction, which the loop that is fitted again takes, beside a lag of a few milliseconds."""
+    """A cause that removes little is not first if the diagnosis does not name it: friction, which
+    the refitted loop absorbs, together with a lag of a few milliseconds."""
     found = [F("lag"), F("shape", near=("friction",)), F("creep")]
     for lag, expected in ((0.0055, "shape"), (0.0200, "lag")):
         causes = [alone("friction", 0.0466), alone("lag", lag, "sensor")]
@@ -112,7 +113,7 @@ def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis(
     mode = alone("resonance", 0.158, left=0.05)
     causes = [mode, alone("lag", 0.09, "sensor", 0.26)]
     assert find_one_change(found, causes, LEFT) is mode  # type: ignore[arg-type]
-    tied = [F("lag", near=("resonance",)), *found[1:]]  # it could be one, and does worse
+    tied = [F("lag", near=("resonance",)), *found[1:]]  # fits worse
     assert find_one_change(tied, causes, LEFT) is mode  # type: ignore[arg-type]
     reported = state_one_change(mode, causes, LEFT, found[0])
     assert (reported.name, reported.place, reported.ambiguous_with) == ("resonance", "stage", ())
@@ -124,18 +125,18 @@ def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis(
 @pytest.mark.parametrize(
     ("found", "left", "limits"),
     [
-        ([F("resonance")], 0.05, LEFT),  # it is named
+        ([F("resonance")], 0.05, LEFT),  # the diagnosis names it
         (
             [F("lag", near=("resonance",)), F("creep")],
             0.05,
             LEFT,
-        ),  # or what the lag may be
-        ([F("lag")], 0.05, LEFT),  # the diagnosis, too, has one name
+        ),  # the lag may be the mode
+        ([F("lag")], 0.05, LEFT),  # the diagnosis, too, has a single name
         ([F("lag"), F("creep")], 0.25, LEFT),  # the diagnosis explains more
-        ([F("lag"), F("creep")], 0.20, LEFT._replace(found=0.30)),  # much is left by both
-        ([F("shape")], 0.09, LEFT._replace(found=0.03)),  # a shape explains what it does not
+        ([F("lag"), F("creep")], 0.20, LEFT._replace(found=0.30)),  # both leave much
+        ([F("shape")], 0.09, LEFT._replace(found=0.03)),  # a shape explains what the mode does not
         ([F("shape")], 0.05, LEFT._replace(found=0.03, when_good=math.nan)),
-        ([F("shape")], 0.05, LEFT._replace(when_good=0.40)),  # nothing is new
+        ([F("shape")], 0.05, LEFT._replace(when_good=0.40)),  # the residual is not new
     ],
 )
 def test_else_the_diagnosis_stands(found: list[F], left: float, limits: ChangeResiduals) -> None:
@@ -146,19 +147,19 @@ def test_else_the_diagnosis_stands(found: list[F], left: float, limits: ChangeRe
 
 
 def test_an_effect_that_looks_like_another_is_named_where_alone_it_explains_more() -> None:
-    """Friction, which a base fitted anew beside it shows as an asymmetry; the model in use leaves
-    more than the noise of the good recording."""
+    """Friction, which a refitted base shows as an asymmetry; the model in use leaves more than the
+    noise of the good recording."""
     left = ChangeResiduals(in_use=0.287, when_good=0.0725, found=0.028, noise=0.0216)
     found = [F("asymmetry"), F("shape"), F("creep")]
     friction = alone("friction", 0.0740, left=0.0917, confused_with=("shape", "asymmetry"))
     causes = [friction, alone("asymmetry", 0.0722, left=0.1008)]
     assert find_one_change(found, causes, left) is friction  # type: ignore[arg-type]
     assert not explains_all(friction, left)
-    named = state_one_change(friction, causes, left, found[0])  # type: ignore[arg-type]
+    named = state_one_change(friction, causes, left, found[0])  # not said to look alike
     assert (named.name, named.ambiguous_with) == ("friction", ("asymmetry",))
-    stranger = [alone("friction", 0.0740, left=0.0917), causes[1]]  # nothing says they look alike
+    stranger = [alone("friction", 0.0740, left=0.0917), causes[1]]  # not said to be alike
     assert find_one_change(found, stranger, left) is None  # type: ignore[arg-type]
-    little = [replace(friction, left=0.15), causes[1]]  # it leaves more than a part
+    little = [replace(friction, left=0.15), causes[1]]  # it leaves more than the allowed part
     assert find_one_change(found, little, left) is None  # type: ignore[arg-type]
 
 
@@ -166,7 +167,7 @@ def test_an_effect_that_looks_like_another_is_named_where_alone_it_explains_more
     ("new", "left_by_it", "when_good", "expected"),
     [
         (0.0720, 0.0917, 0.0725, ("friction",)),
-        (0.0700, 0.0917, 0.0725, ("friction",)),  # the model in use leaves as much by itself
+        (0.0700, 0.0917, 0.0725, ("friction",)),  # the model in use already leaves as much
         (0.0700, 0.0917, math.nan, ()),
         (0.0600, 0.0917, 0.0725, ()),
         (0.0720, 0.1500, 0.0725, ()),
@@ -197,7 +198,7 @@ def lagging(place: str, kind: str = "lag") -> Model:
 def test_a_lag_that_may_be_the_stages_is_not_left_at_the_gauge(
     elsewhere: float | None, expected: str
 ) -> None:
-    """The written model has it at the gauge, where nothing would compensate it."""
+    """The written model has the lag at the gauge, where nothing would compensate it."""
     causes = [
         WeighedCause(Cause("lag", place, "", lagging(place)), 0.07, new)
         for place, new in (("drive", elsewhere), ("sensor", 0.0302))
@@ -207,4 +208,4 @@ def test_a_lag_that_may_be_the_stages_is_not_left_at_the_gauge(
     model = off_the_gauge(lagging("sensor"), found, causes, 0.0005)  # type: ignore[arg-type]
     assert [b.place for b in model.blocks] == [expected]
     other = off_the_gauge(lagging("sensor", "delay"), found, causes, 0.0005)  # type: ignore[arg-type]
-    assert [b.place for b in other.blocks] == ["sensor"]  # what no such cause has stays
+    assert [b.place for b in other.blocks] == ["sensor"]  # a block without such a cause stays

@@ -1,4 +1,4 @@
-"""Whether a model is better than the one in use on telemetry that it was not fitted to."""
+"""Whether a model is better than the one in use, on telemetry that it was not fitted to."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def test_both_are_replayed_on_what_came_later() -> None:
 
 
 def test_blocks_stand_in_the_order_of_what_they_are() -> None:
-    """What is found stands around the model: nearer to the amplifier, and nearer to the gauge."""
+    """Findings are placed around the model: nearer to the amplifier, and nearer to the gauge."""
     own = with_blocks(stage(), [Block("lag", "drive", {"tau_s": 1.0}), Block("creep", "stage", {})])
     added = [Block("lag", place, {"tau_s": 2.0}) for place in ("sensor", "drive", "stage")]
     found = with_blocks(own, added).blocks
@@ -37,7 +37,7 @@ def test_blocks_stand_in_the_order_of_what_they_are() -> None:
 
 
 def test_a_target_means_the_same_place_under_the_offered_model() -> None:
-    """Creep of 4 % a decade over four decades moves a model's zero by a tenth of its position."""
+    """Creep of 4 % per decade over four decades moves a model's zero by a tenth of its position."""
     seen = recording()
     creep = {"gain_per_decade": 0.04, "tau_min_s": 0.05, "tau_max_s": 500.0}
     offered = with_blocks(stage(), [Block("creep", "stage", creep)])

@@ -1,4 +1,4 @@
-"""The drive between its samples, and what is reported where few places of its path are seen."""
+"""The drive between its samples, and what is reported if few places of its path are seen."""
 
 import numpy as np
 import pytest
@@ -18,12 +18,12 @@ from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Data, Floats
 
-NOISE_UM, FINE = 0.02, 40  # the stage is integrated on a grid so many times finer
+NOISE_UM, FINE = 0.02, 40  # the stage is integrated on a grid that is this many times finer
 N = 3000
 
 
 def sines(t: Floats, swing: float = 4.6) -> Floats:
-    """5 and 10 Hz."""
+    """Return a drive of 5 and 10 Hz."""
     return 5.0 - 0.5 * swing * (np.cos(2 * np.pi * 5 * t) + np.cos(2 * np.pi * 10 * t))
 
 
@@ -32,7 +32,7 @@ def triangle(t: Floats) -> Floats:
 
 
 def recorded(u: Floats, rate_hz: float, seed: int = 0, late_s: float = 0.0) -> Recording:
-    """Every FINE-th sample of a drive and of the stage, which is so late, with noise."""
+    """Return every FINE-th sample of a drive and of the stage, delayed by late_s, with noise."""
     t = np.arange(u.size) / (FINE * rate_hz)
     y = plain(np.interp(t - late_s, t, u))
     y = y[::FINE] + NOISE_UM * np.random.default_rng(seed).standard_normal(u[::FINE].size)
@@ -48,7 +48,7 @@ def path_of(u: Floats, rate_hz: float) -> Data:
 
 
 def test_a_smooth_drive_is_known_between_its_samples() -> None:
-    """Five samples a period: straight lines are half a volt off at the peaks, the path is not."""
+    """With five samples a period, straight lines miss the peaks by half a volt; the path fits."""
     rate = 50.0
     t = fine_time(rate)
     data = path_of(sines(t), rate)
@@ -93,7 +93,7 @@ def test_places_are_counted_by_the_way_to_them_and_from_them() -> None:
 
 
 def test_what_comes_late_is_reported_once_where_the_drive_is_seen_in_few_places() -> None:
-    """A delay, a lag and a slew limit take each other's rest there."""
+    """A delay, a lag and a slew limit explain each other's residual there."""
     data = path_of(sines(fine_time(50.0)), 50.0)
     problem = Problem(data, compact_base(data))
     delay = next(c for c in list_candidates(data) if c.key == "delay")
@@ -105,7 +105,7 @@ def test_what_comes_late_is_reported_once_where_the_drive_is_seen_in_few_places(
 
 
 def test_creep_is_reported_where_the_drive_is_seen_in_few_places() -> None:
-    """It shows from one period to the next: 3 % of a move a decade, by convolution."""
+    """Creep shows from one period to the next: 3 % of a move per decade, by convolution."""
     rate = 50.0
     t = np.arange(40 * 8 * int(rate)) / (8 * rate)
     given = []
@@ -123,8 +123,8 @@ def test_creep_is_reported_where_the_drive_is_seen_in_few_places() -> None:
 
 
 def test_one_recording_of_ten_places_says_that_it_cannot_tell_what_is_late() -> None:
-    """A delay of less than half a sample is one more hysteresis there: no limit excludes it. One by
-    which the stage moves against its drive is reported."""
+    """A delay of less than half a sample looks like more hysteresis there, so no limit excludes it.
+    A delay that makes the stage move against its drive is reported."""
     t = fine_time(50.0)
     d = diagnose([recorded(sines(t), 50.0, 0, 0.006)])
     assert any("cannot be found here" in said for said in d.data.says)
@@ -138,8 +138,7 @@ def test_one_recording_of_ten_places_says_that_it_cannot_tell_what_is_late() -> 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.012, 0.026])
 def test_a_delay_is_reported_where_a_drive_is_seen_in_ten_places(late_s: float) -> None:
-    """A base with a column for each place explains any delay; a hysteresis that turns with its
-    drive does not."""
+    """A base with a column per place explains any delay; a rate-independent hysteresis cannot."""
     rate = 50.0
     t = fine_time(rate)
     given = [recorded(sines(t, s), rate, k, late_s) for k, s in enumerate((4.6, 3.8))]

@@ -1,4 +1,4 @@
-"""What recordings lack is said before anything else, and never becomes physics."""
+"""What the recordings lack is reported first, and never becomes physics."""
 
 import numpy as np
 import pytest
@@ -81,7 +81,7 @@ def test_coarse_steps_of_the_reading_are_noise() -> None:
 
 
 def test_coloured_noise_is_noise() -> None:
-    """Noise through a pole at 8 ms, twice as strong as the white part."""
+    """Noise through a pole at 8 ms, twice as strong as the white noise."""
     given = []
     for k, one in enumerate(recordings(plain)):
         rng = np.random.default_rng(50 + k)
@@ -105,7 +105,7 @@ def test_a_reading_that_is_noise_is_not_clean() -> None:
 
 
 def test_a_butterfly_is_reported() -> None:
-    """Strain goes with the square of a polarisation that switches late."""
+    """The strain is proportional to the square of a polarisation that switches late."""
     t = np.arange(N) * DT
     u = 10 * np.sin(2 * np.pi * 0.5 * t)
     p = np.zeros(N)
@@ -127,7 +127,7 @@ def test_a_butterfly_is_reported() -> None:
 
 
 def test_a_stage_that_runs_back_at_its_turns_is_no_butterfly() -> None:
-    """Friction that gives way within 0.1 V of a turn, by more than half of the way."""
+    """Friction that breaks away within 0.1 V of a turn, by more than half of the travel."""
     t = np.arange(N) * DT
     u = 5.0 - 4.0 * np.cos(2 * np.pi * 0.5 * t)
     bent = np.zeros(N)

@@ -1,4 +1,5 @@
-"""Friction that fades with the speed: bristles against small steps, and a stage that runs back."""
+"""Friction that decreases with the speed: the bristle model against small steps, and a stage that
+runs back at its turns."""
 
 import numpy as np
 import pytest
@@ -12,8 +13,8 @@ DT = 1e-3
 
 
 def rubbed(x: np.ndarray, most: float, stribeck: float) -> np.ndarray:
-    """What friction of 0.8 um holds back a path (N,), in 40 small steps to a sample: LuGre with a
-    friction at rest that is 1.9 times the one at high speed."""
+    """Return by how much friction of 0.8 um holds back a path (N,), in 40 small steps per sample:
+    the LuGre model with a static friction that is 1.9 times the one at high speed."""
     out, z, fine = np.zeros(x.size), 0.0, 40
     for t in range(1, x.size):
         step, speed = (x[t] - x[t - 1]) / fine, (x[t] - x[t - 1]) / DT
@@ -25,14 +26,14 @@ def rubbed(x: np.ndarray, most: float, stribeck: float) -> np.ndarray:
 
 
 def running_back(u: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """At a turn the friction gives way by more than the path moves on: the displacement of the
-    stage runs back."""
+    """Return the displacement of a stage that runs back: at a turn the friction decreases by more
+    than the path advances."""
     return y - rubbed(y, 0.15, 40.0)
 
 
 def viscous(u: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The same on a guide with grease: a part that grows with the speed is as large at the speeds
-    of this drive."""
+    """Return the same on a greased guide: a part that grows with the speed is as large at the
+    speeds of this drive."""
     return running_back(u, y) - 2e-3 * np.gradient(y, DT)
 
 
@@ -67,7 +68,7 @@ def test_friction_fades_with_the_speed_and_what_only_grows_with_it_is_a_lag(
     fades_um: float, viscous_s: float, is_friction: bool
 ) -> None:
     t = np.arange(4000) * DT
-    u = 5.0 - 4.0 * np.cos(20.0 * t)  # 88 um/s at the most, 62 rms
+    u = 5.0 - 4.0 * np.cos(20.0 * t)  # 88 um/s at most, 62 rms
     data = prepare([Recording(t, u, 1.1 * u, name="r.csv")])
     friction = next(c for c in list_candidates(data) if c.key == "friction")
     amplitudes = np.array([fades_um / 0.5, viscous_s])

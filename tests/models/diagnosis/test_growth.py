@@ -1,5 +1,5 @@
-"""An effect that begins, or grows, within a recording is reported with its time; one that is there
-all the time has none."""
+"""An effect that begins, or grows, within a recording is reported with its time; an effect that is
+present all the time has none."""
 
 import numpy as np
 import pytest
@@ -11,17 +11,17 @@ from dehyst.models.diagnosis.findings.growth import growth
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Floats
 
-AT = 5.0  # s, of the second recording
+AT = 5.0  # s, in the second recording
 
 
 def ramp(k: int) -> Floats:
-    """0 before the time in the second recording, 1 behind it, within 10 ms."""
+    """Return 0, and in the second recording 1 after AT, with a rise of 10 ms."""
     t = np.arange(N) * DT
     return np.clip((t - AT) / 0.01, 0.0, 1.0) * (k == 1)
 
 
 def delayed_from_then_on(k: int) -> Floats:
-    """In both recordings, from half on in the second."""
+    """Return a delayed reading: of all of the first recording, and of the second one after AT."""
     t, u = np.arange(N) * DT, drive(k)
     y, late = plain(u), plain(np.interp(t - 5e-3, t, u))
     return np.asarray(y + (late - y) * (ramp(k) if k else 1.0))

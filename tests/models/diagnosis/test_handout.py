@@ -1,4 +1,4 @@
-"""The augmented model holds the shape that was found, and goes nowhere astray."""
+"""The written augmented model contains the shape that was found, and stays bounded everywhere."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ DT, NOISE, LEVEL, SWING = 2e-3, 0.01, 6.0, 2.5
 
 
 def scan(seed: int) -> Recording:
-    """A scan of a Preisach stage about a level to which it came from 0: nobody has seen the way."""
+    """Return a scan of a Preisach stage about a level that it reached from 0, unrecorded."""
     t = DT * np.arange(4000)
     u = small_scan(LEVEL, SWING)(np.random.default_rng(seed), t, DT)
     way = np.linspace(0.0, LEVEL, 200)
@@ -40,7 +40,7 @@ def scan(seed: int) -> Recording:
 
 
 def recorded() -> list[Recording]:
-    """Two scans; the second by a recorder whose stamps jitter and that misses readings."""
+    """Return two scans; the second one's recorder has jittering stamps and misses readings."""
     one, other = scan(1), scan(2)
     rng = np.random.default_rng(3)
     y = np.array(other.displacement)
@@ -74,7 +74,7 @@ def test_on_the_way_up_that_nobody_has_seen_it_stays_near_the_model_in_use(
 
 
 def test_rows_that_were_not_recorded_cost_the_recorded_ones_next_to_nothing() -> None:
-    """Only the loops are shown here, not the way there."""
+    """The recordings show only the loops, not the move to their level."""
     data = prepare([scan(1), scan(2)])
     subject = Subject(fit_plain(data, THRESHOLDS * data.span))
     free = Problem(data, rich_base(data), subject)
@@ -94,8 +94,8 @@ def test_rows_that_were_not_recorded_cost_the_recorded_ones_next_to_nothing() ->
 
 @pytest.mark.parametrize("changes", [False, True])
 def test_a_model_that_predicts_no_other_recording_is_not_written(changes: bool) -> None:
-    """The gain steps within each recording, at another time and by another amount: the base makes a
-    loop of it that is no other recording's."""
+    """The gain steps within each recording, at another time and by another amount: the base fits
+    this as a loop that no other recording has."""
     given = []
     for seed in (1, 2, 3):
         one = scan(seed)
@@ -115,7 +115,7 @@ def test_a_model_that_predicts_no_other_recording_is_not_written(changes: bool) 
 
 
 def test_a_model_is_written_from_the_other_rows_alone() -> None:
-    """Its weights are those of a fit that never had the rows that are left out."""
+    """Its weights are those of a fit without the rows that are left out."""
     data = prepare([scan(1), scan(2), scan(3)])
     subject = Subject(fit_plain(data, THRESHOLDS * data.span))
     problem = Problem(data, rich_base(data), subject)
@@ -145,7 +145,7 @@ def test_the_worst_recording_left_out_is_known() -> None:
 
 
 def test_the_stated_errors_are_those_of_the_written_file(found: Diagnosis) -> None:
-    """Read back and run on the recordings as they are, with their jitter and missing readings."""
+    """The file is read back and run on the original recordings, jitter and gaps included."""
     for kind, model in (("model", found.base_model), ("augmented", found.model)):
         for view, one in zip(found.views, recorded(), strict=True):
             assert one.displacement is not None
@@ -158,8 +158,9 @@ def test_the_stated_errors_are_those_of_the_written_file(found: Diagnosis) -> No
 def test_a_mode_behind_held_commands_is_handed_out_with_a_lead_where_that_is_better(
     share: float, leads: bool, most: float
 ) -> None:
-    """Each command stands from the sample before; blocks are fed by straight lines. A lead would
-    move what the mode does not carry as well: not where that is most."""
+    """Each command is held from the sample before, but blocks take straight lines as input. A lead
+    would also move what the mode does not carry: no lead is written where that is most of the
+    motion."""
     t, rng = 1e-3 * np.arange(6000), np.random.default_rng(6)
     tones = ((1.3, 3.0), (7.7, 1.0), (23.0, 0.5), (41.0, 0.3), (83.0, 0.1))
     u = 5.0 + sum(size * np.sin(2 * np.pi * (f * t + rng.random())) for f, size in tones)
@@ -184,8 +185,8 @@ def test_a_mode_behind_held_commands_is_handed_out_with_a_lead_where_that_is_bet
 
 
 def test_hum_in_a_servo_is_named_and_its_phase_is_not_written() -> None:
-    """A Bouc-Wen loop under an integrating controller that sees the hum, and drives against it:
-    each recording has a phase of its own, and the held-out drive none."""
+    """A Bouc-Wen loop under an integrating controller that sees the hum and drives against it: each
+    recording has a phase of its own, and the held-out drive has no hum."""
     case = make_rig(7, 0)
     found = diagnose_without_limits(case.given)
     assert "hum" in {f.name for f in found.findings}
@@ -200,8 +201,8 @@ def test_hum_in_a_servo_is_named_and_its_phase_is_not_written() -> None:
 
 
 def test_what_is_left_in_rows_left_out_is_not_explained() -> None:
-    """A lag behind a loop of another class, with a noise of a twenty-thousandth of the stroke: by
-    far the most is explained, several noises are not."""
+    """A lag after a loop of another class, with noise of a twenty-thousandth of the stroke: by far
+    the most is explained, but a residual of several times the noise is not."""
     case = make_rig(7, 21)
     found = diagnose_without_limits(case.given)
     assert "lag" in {f.name for f in found.findings}
@@ -211,8 +212,8 @@ def test_what_is_left_in_rows_left_out_is_not_explained() -> None:
 
 
 def test_a_part_that_gives_a_value_that_no_model_may_have_costs_that_choice_alone() -> None:
-    """A thermometer that hardly moves: the gain changes by 1.98 for each kelvin that it shows, a
-    model may have 2, and with one recording left out it is more."""
+    """A thermometer that hardly moves: the gain changes by 1.98 per kelvin that it shows; a model
+    may have 2, and the fit with one recording left out exceeds that."""
     given = []
     for k in range(2):
         one = scan(k)

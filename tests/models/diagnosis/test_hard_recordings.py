@@ -1,6 +1,6 @@
-"""Recordings that tell little, or more finely than any model is: slow sampling, little noise, one
-waveform alone. What is said of them is true, or nothing is said; and limits hold when the effect is
-put in by another equation and everything is asked again."""
+"""Recordings that carry little information, or resolve more than any model: slow sampling, little
+noise, a single waveform. What is reported of them is true, or nothing is reported; a reported limit
+holds if the effect is put in by another equation and the diagnosis is repeated."""
 
 from functools import cache
 
@@ -17,8 +17,8 @@ from dehyst.models.recording import Recording
 
 
 def check_rules(d: Diagnosis) -> None:
-    """What holds of every answer: shares of at most one, intervals of at most a factor of ten,
-    nothing that predicts worse than the model in use."""
+    """Check what holds for every answer: shares sum to at most one, intervals span at most a factor
+    of ten, nothing predicts worse than the model in use."""
     said = d.to_dict()
     assert sum(e["share"] for e in said["effects"]) <= 1.0 + 1e-9
     for effect in said["effects"]:
@@ -35,7 +35,7 @@ def check_rules(d: Diagnosis) -> None:
 
 
 def two_sines(late_s: float, seed: int) -> Recording:
-    """4 and 8.7 Hz for 40 s, read at 50 Hz; the stage is integrated at 1 kHz."""
+    """Return 4 and 8.7 Hz for 40 s, read at 50 Hz; the stage is integrated at 1 kHz."""
     rng, t = np.random.default_rng(seed), np.arange(40_000) * DT
     f = rng.uniform(0.8, 1.2)
     u = 5 - 2.3 * np.cos(2 * np.pi * 4 * f * t) - 2.3 * np.cos(2 * np.pi * 8.7 * f * t)
@@ -46,7 +46,7 @@ def two_sines(late_s: float, seed: int) -> Recording:
 
 @pytest.mark.parametrize("late_s", [0.0, 0.03])
 def test_slow_sampling_of_a_stage_with_and_without_a_delay(late_s: float) -> None:
-    # limits are reported where nothing was found
+    # limits are reported if nothing was found
     ask = diagnose_without_limits if late_s else diagnose
     d = ask([two_sines(late_s, 1), two_sines(late_s, 2)])
     check_rules(d)
@@ -62,13 +62,13 @@ def test_slow_sampling_of_a_stage_with_and_without_a_delay(late_s: float) -> Non
 
 @pytest.mark.parametrize("stage", [plain, bouc_wen], ids=["in the class", "foreign"])
 def test_with_little_noise_what_the_base_leaves_is_no_physics(stage: object) -> None:
-    """Noise of 1e-4 of the stroke: the base's own misfit is above it."""
+    """The noise is 1e-4 of the stroke: the base's own misfit exceeds it."""
     given = []
     for k in range(2):
         u = drive(k)
         y = stage(u) + 1e-3 * np.random.default_rng(k).standard_normal(N)  # type: ignore[operator]
         given.append(Recording(np.arange(N) * DT, u, y, name=f"q{k}.csv"))
-    # limits are reported of the one, and judged with more noise of the other
+    # limits are reported for the first stage only; the other one's are tested with more noise
     d = diagnose(given) if stage is plain else diagnose_without_limits(given)
     check_rules(d)
     assert {f.name for f in d.findings} <= {"shape", "unknown"}
@@ -88,7 +88,7 @@ def test_one_waveform_gives_no_model_that_is_worse_on_another() -> None:
 
 @cache
 def told_limits() -> dict[str, Limit]:
-    """Limits of a stage of the model's own class."""
+    """Return the limits of a stage of the model's own class."""
     return {x.name: x for x in diagnose(recordings(plain)).would_have_seen}
 
 
@@ -114,8 +114,8 @@ def test_a_limit_holds_when_the_effect_is_put_in(name: str) -> None:
 
 
 def test_a_line_on_a_harmonic_of_one_loop_is_no_resonance() -> None:
-    """60 Hz in the reading of a 1 Hz triangle: nobody can say whose it is, and no mode stands for
-    it."""
+    """60 Hz in the reading of a 1 Hz triangle: its origin cannot be determined, and no mode is
+    reported in its place."""
     t = np.arange(12_000) * DT
     u = 8.0 * (1.0 - np.abs(2.0 * np.mod(t, 1.0) - 1.0))
     hum = 0.15 * np.sin(2 * np.pi * 59.986 * t + 0.7)
@@ -127,8 +127,7 @@ def test_a_line_on_a_harmonic_of_one_loop_is_no_resonance() -> None:
 
 
 def test_a_slew_limit_that_few_moves_meet_is_found() -> None:
-    """A tenth of a second of steps, limited to a third of their speed: the search begins near
-    enough to any limit."""
+    """A tenth of a second of steps, limited to a third of their speed; the search starts nearby."""
     rng = np.random.default_rng(8)
     t = np.arange(8000) * DT
     levels = np.r_[0.0, rng.uniform(0.5, 9.5, 9)]

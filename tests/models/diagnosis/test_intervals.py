@@ -1,4 +1,4 @@
-"""How often the 95 % intervals of a diagnosis hold the truth, counted."""
+"""How often the 95 % intervals of a diagnosis contain the truth, counted."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ TRUE = {"frequency_hz": 80.0, "damping": 0.05, "share": 0.6, "gain_um_per_unit":
 
 
 def recordings(noise: np.ndarray) -> list[Recording]:
-    """A straight stage of 1.1 um/v with a mode behind it, coupled to a second drive."""
+    """Return a straight stage of 1.1 um/v followed by a mode and coupled to a second drive."""
     n = noise.size // 2
     t, out = np.arange(n) * DT, []
     for k in range(2):
@@ -36,8 +36,8 @@ def recordings(noise: np.ndarray) -> list[Recording]:
     [(compact_base, 1600, 0), (compact_base, 1600, 15), (rich_base, 1600, 0), (rich_base, 4000, 4)],
 )
 def test_95_of_100_intervals_hold_the_true_value(base: object, count: int, together: int) -> None:
-    """together: samples over which the noise is correlated: so few that what is independent
-    are more than the base's columns. Between 90 and 98 of 100, no slack."""
+    """together: number of samples over which the noise is correlated, small enough that the
+    independent samples outnumber the base's columns. Between 90 and 98 of 100, no slack."""
     quiet = prepare(recordings(np.zeros(count)))
     known = {c.key: c for c in list_candidates(quiet)}
     effects = [Effect(known["resonance"], (80.0, 0.05, 0.6)), Effect(known["coupling-u2_v"], ())]
@@ -59,7 +59,7 @@ def test_95_of_100_intervals_hold_the_true_value(base: object, count: int, toget
 
 
 def test_a_parameter_that_does_nothing_leaves_the_others_their_intervals() -> None:
-    """A drive that is clipped above alone: the lower end lies below all that was driven."""
+    """A drive that is clipped at the top only: the lower limit lies below all recorded drives."""
     t = np.arange(3000) * DT
     u = 5 + 4 * np.sin(2 * np.pi * 1.7 * t) + 0.8 * np.sin(2 * np.pi * 7.3 * t)
     noise = NOISE_UM * np.random.default_rng(2).standard_normal(t.size)
@@ -74,8 +74,8 @@ def test_a_parameter_that_does_nothing_leaves_the_others_their_intervals() -> No
 
 
 def test_a_rise_is_known_though_its_time_constant_is_not() -> None:
-    """One recording settles, another climbs so straight that its time constant is on its bound:
-    what each rose by is seen all the same."""
+    """One recording settles, another climbs so straight that its time constant is on its bound: the
+    rise of each is nevertheless known."""
     given, ends = [], (4.0, 2.0)
     for seed, (end, tau) in enumerate(zip(ends, (2.0, 200.0), strict=True)):
         t = np.arange(round(end / DT)) * DT

@@ -1,4 +1,4 @@
-"""A mode and its mirror at the sampling rate make nearly the same samples: the lower is named."""
+"""A mode and its alias at the sampling rate give nearly the same samples; the lower is named."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ RATE_HZ, FINE, NOISE_UM = 500.0, 40, 2e-3
 
 
 def ringing(frequency_hz: float, damping: float, seed: int) -> Recording:
-    """Random steps through a mode, run on a grid forty times finer than the recorder's."""
+    """Return random steps through a mode, run on a grid forty times finer than the recorder's."""
     rng = np.random.default_rng(seed)
     t = np.arange(5000) / RATE_HZ
     u = np.repeat(rng.uniform(1.0, 9.0, 25), 200)

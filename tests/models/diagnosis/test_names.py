@@ -19,7 +19,7 @@ NOISE_UM = 0.02
 
 
 def bouc_wen(u: np.ndarray) -> np.ndarray:
-    """dh = A du - beta |du| h - gamma du |h| in small steps: no plays, no polynomials."""
+    """Integrate dh = A du - beta |du| h - gamma du |h| in small steps: no plays, no polynomials."""
     h, out, last = 0.0, np.empty(u.size), 0.0
     for t, v in enumerate(u.tolist()):
         du = (v - last) / 4
@@ -32,7 +32,7 @@ def bouc_wen(u: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Stage:
-    """One run: drive, temperature and neighbour that the stage sees."""
+    """One run: the drive, temperature and neighbouring axis that act on the stage."""
 
     t: np.ndarray
     u: np.ndarray
@@ -59,7 +59,7 @@ def runs() -> dict[str, Stage]:
 
 
 def first_order(x: np.ndarray, tau: float) -> np.ndarray:
-    """Explicit Euler on a grid of a tenth of the sampling period."""
+    """Integrate a first-order lag by explicit Euler on a grid of a tenth of the sampling period."""
     out, y = np.empty_like(x), float(x[0])
     last = y
     for i, v in enumerate(x.tolist()):
@@ -118,7 +118,7 @@ def recordings(effect: str, seed: int = 0, channels: bool = True) -> list[Record
 
 @cache
 def found(effect: str) -> Diagnosis:
-    """What is found in these recordings."""
+    """Return the diagnosis of recordings with this effect."""
     return diagnose_without_limits(recordings(effect))
 
 
@@ -129,13 +129,13 @@ def test_hidden_effect_is_named_first_and_the_model_predicts(effect: str) -> Non
     given = recordings(effect)
     d = found(effect)
     assert d.verdict == "explained"
-    # the loop of this class is not the plain model's: that is reported beside the effect
+    # the loop of this class is not the plain model's: that is reported in addition to the effect
     assert next(f.name for f in d.findings if f.name != "shape") == effect
     assert 0.9 < sum(f.share for f in d.findings) <= 1.0
     if effect != "hum":  # phases differ between recordings and cannot be predicted
-        # a fifth of a recording at a time is left out, with the levels that it alone has
+        # each fold leaves out a fifth of a recording, with levels that occur only there
         assert d.rms["heldout_augmented"] < 1.25 * NOISE_UM < d.rms["heldout_model"]
-    model = modelfile.loads(modelfile.dumps(d.model))  # what the file says is what was fitted
+    model = modelfile.loads(modelfile.dumps(d.model))  # the file's content is what was fitted
     for r, view in zip(given, d.views, strict=True):
         y = simulate(model, r.t_s, r.drive, r.channels)
         e = y - r.displacement
@@ -147,7 +147,7 @@ def test_hidden_effect_is_named_first_and_the_model_predicts(effect: str) -> Non
 
 @cache
 def foreign() -> Diagnosis:
-    """What is found in a stage of a foreign class, with limits."""
+    """Return the diagnosis of a stage of a foreign class, with limits."""
     return diagnose(recordings("nothing", 1))
 
 

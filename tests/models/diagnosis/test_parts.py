@@ -1,4 +1,4 @@
-"""Parts of the diagnosis against the model's blocks, closed forms and brute force."""
+"""Parts of the diagnosis, compared with the model's blocks, closed forms and brute force."""
 
 from dataclasses import replace
 
@@ -46,7 +46,7 @@ STRAIGHT = Hysteresis(r=np.zeros(1), b=np.ones(1), c=np.array([0.0, 1.0]))
 
 
 def through_model(data: Data, *blocks: Block) -> np.ndarray:
-    """The blocks of the model file behind a stage without hysteresis."""
+    """Return the output of the model file's blocks after a stage without hysteresis."""
     model = Model(STRAIGHT, Validity(0.0, 10.0), blocks=blocks)
     parts = []
     for i in range(len(data.names)):
@@ -115,7 +115,7 @@ def test_columns_add_what_their_blocks_add(
 def test_a_line_is_written_where_the_recordings_share_its_phase(
     data: Data, turn: float, written: int
 ) -> None:
-    """turn: of the second recording's phase against the first one's [rad]."""
+    """turn: phase of the second recording relative to the first [rad]."""
     (line,) = (c for c in list_candidates(data) if c.key == "hum")
     amplitudes = 0.1 * np.array([1.0, 0.0, np.cos(turn), np.sin(turn)])
     blocks = line.blocks((50.0,), amplitudes, data)
@@ -139,7 +139,7 @@ def test_a_line_of_one_recording_alone_is_not_written() -> None:
 def test_a_block_of_two_pasts_comes_as_near_to_both_as_one_amplitude_can(
     data: Data, key: str, theta: tuple[float, float], amplitudes: tuple[float, float]
 ) -> None:
-    """By trial of many amplitudes; levels aside, which a model does not predict."""
+    """The reference tries many amplitudes; levels are excluded, as no model predicts them."""
     c = next(c for c in list_candidates(data) if c.key == key)
     added = c.columns(data, Context(data.u, data.y), theta) @ np.array(amplitudes)
     (block,) = c.blocks(theta, np.array(amplitudes), data)
@@ -212,7 +212,7 @@ def test_lines_are_found_and_nothing_in_noise(data: Data) -> None:
     assert find_lines(data, noise) == []
     lines = find_lines(data, noise + 0.02 * np.sin(2 * np.pi * 61.3 * data.t + 2.0 * data.rec))
     assert lines == [pytest.approx(61.3, abs=0.1)]
-    assert find_lines(data, noise + 0.2 * (data.u - 5)) == []  # the drive's own lines
+    assert find_lines(data, noise + 0.2 * (data.u - 5)) == []  # lines of the drive itself
 
 
 def test_misfit_is_located_where_it_was_put(data: Data) -> None:

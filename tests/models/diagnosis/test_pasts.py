@@ -1,4 +1,4 @@
-"""Recordings of one stage, of which each begins where the stage was left by something else."""
+"""Recordings of one stage, each of which begins with another history of the stage."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ BEFORE = {FRESH: [0.0], FROM_ABOVE: [0.0, 10.0], FROM_BELOW: [0.0, 10.0, 0.0]}
 
 
 def stage(u: np.ndarray, b: np.ndarray = B) -> np.ndarray:
-    """Plays one by one, from 0."""
+    """Run the play operators one by one, from 0."""
     h, out = np.zeros(R.size), np.empty(u.size)
     for k, v in enumerate(u):
         h = np.maximum(v - R, np.minimum(v + R, h))
@@ -62,7 +62,7 @@ def test_a_head_counts_where_its_past_explains_it_and_not_behind_a_wrong_one() -
 
 
 def test_a_past_is_no_shape_and_the_errors_are_those_of_the_written_models() -> None:
-    """The stage is of the model's own class, and nothing is hidden in it."""
+    """The stage is of the model's own class, and contains no other effect."""
     given = recordings(FROM_BELOW)
     found = diagnose_without_limits(given)
     assert found.verdict == "clean"
@@ -76,8 +76,9 @@ def test_a_past_is_no_shape_and_the_errors_are_those_of_the_written_models() -> 
 
 
 def test_a_given_model_that_begins_elsewhere_is_no_ground_to_stand_on() -> None:
-    """Loops that grow from rest. The right model says where each begins; one with the same plays
-    that begin in the middle of the range says it wrongly, and no shape mends that."""
+    """Loops that grow from rest. The right model predicts where each loop begins; a model with the
+    same plays that begins in the middle of the range predicts it wrongly, and no shape corrects
+    that."""
     t, b = DT * np.arange(4000), np.array([0.5, 0.1, 0.1, 0.1, 0.1, 0.1])
     waves = sum(np.sin(2 * np.pi * f * t + k) for k, f in enumerate((0.21, 1.7, 4.1)))
     grows = np.linspace(0.5, 1.0, t.size) * waves / np.abs(waves).max()
@@ -97,7 +98,7 @@ def test_a_given_model_that_begins_elsewhere_is_no_ground_to_stand_on() -> None:
 def test_only_what_begins_at_the_lowest_drive_of_all_recordings_may_count_from_its_start() -> None:
     t = np.arange(4000) * 1e-3
     from_rest = 5 - 5 * np.cos(2 * np.pi * t)
-    from_a_level = 6.5 - 3.5 * np.cos(2 * np.pi * t)  # its own lowest drive, and not the stage's
+    from_a_level = 6.5 - 3.5 * np.cos(2 * np.pi * t)  # its own lowest drive, not the stage's
     noise = 0.01 * np.random.default_rng(3).standard_normal((2, t.size))
     both = [
         Recording(t, u, 0.1 * u + e, name=name)

@@ -16,7 +16,7 @@ DT, NOISE_UM = 1e-3, 0.01
 
 
 def wide_play(u: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """A play whose half width (N,) changes in time, sample by sample."""
+    """Run a play whose half width (N,) changes in time, sample by sample."""
     out, p = np.empty(u.size), float(u[0])
     for t, (v, r) in enumerate(zip(u.tolist(), half.tolist(), strict=True)):
         p = max(v - r, min(v + r, p))
@@ -25,7 +25,7 @@ def wide_play(u: np.ndarray, half: np.ndarray) -> np.ndarray:
 
 
 def widening(u: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Thresholds that grow with the logarithm of the speed: the library's grow with a power."""
+    """Add plays whose thresholds grow with the log of the speed; the library uses a power."""
     speed = np.abs(np.gradient(u, DT))
     speed = np.convolve(speed, np.exp(-np.arange(20) / 3.0) * 0.2835)[: u.size]
     for r in (0.15, 0.4, 0.8, 1.3):
@@ -35,7 +35,7 @@ def widening(u: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def fading(u: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Friction of 0.12 um that fades with the speed: loops that are narrower when it is fast."""
+    """Add friction of 0.12 um that decreases with the speed: loops are narrower at high speed."""
     speed = np.abs(np.gradient(y, DT))
     rubs = y - wide_play(y, np.full(u.size, 0.06))
     return y - 2.0 * rubs * (0.3 + 0.7 * np.exp(-((speed / 40.0) ** 2)))
@@ -83,7 +83,7 @@ def test_loops_widen_with_the_rate_together(weights: tuple[float, ...], together
 
 @pytest.mark.parametrize("power", [0.5, 1.0])
 def test_a_dilating_play_lags_by_its_threshold_at_a_steady_rate(power: float) -> None:
-    """Far from the turns of a triangle the play stands r + d |dv/dt|^p behind the drive."""
+    """Far from the turns of a triangle the play lags the drive by r + d |dv/dt|^p."""
     t, rate = np.arange(8000) * DT, 15.0  # v/s, over 0 to 10 V
     u = 10.0 - np.abs((rate * t) % 20.0 - 10.0)
     params: dict[str, float | tuple[float, ...]] = {
@@ -108,7 +108,7 @@ def test_a_dilating_play_lags_by_its_threshold_at_a_steady_rate(power: float) ->
 def test_a_mode_rings_in_the_samples_or_is_none(
     frequency: float, damping: float, rings: bool
 ) -> None:
-    """Sampled at 1 kHz, a mode at 1010 Hz shows at 10 Hz, and is gone before it has swung once."""
+    """Sampled at 1 kHz, a mode at 1010 Hz appears at 10 Hz, and decays before one oscillation."""
     t = np.arange(4000) * DT
     u = 5 - 4 * np.cos(2 * np.pi * t)
     data = prepare([Recording(t, u, 1.1 * u, name="r.csv")])

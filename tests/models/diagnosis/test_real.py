@@ -1,5 +1,5 @@
-"""Rules that real recordings taught: harmonics are no hum, creep shows under feedback, a held
-drive is early, and other axes act through modes."""
+"""Rules learned from real recordings: harmonics are not hum, creep shows under feedback, a held
+drive appears early, and other axes act through modes."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def test_harmonics_of_the_drive_are_no_hum_but_mains_beside_them_is() -> None:
 
 
 def under_feedback(gain: float, late: float = 0.0) -> Recording:
-    """A ramp down, then a hold of the reading; the drive climbs by log10 of time, and a line."""
+    """Return a ramp down, then a hold of the reading; the drive climbs by log10 of t and a line."""
     t = np.arange(6000) * 5 * DT
     held = np.maximum(t - 2.0, 0.0)
     target = 50 - 10 * np.minimum(t, 2.0)
@@ -69,7 +69,7 @@ def test_creep_is_read_from_the_drive_under_feedback() -> None:
 
 
 def test_a_drive_that_climbs_otherwise_is_no_creep() -> None:
-    assert longest_hold(prepare([under_feedback(-0.015)]), 3e-3) is None  # with the last move
+    assert longest_hold(prepare([under_feedback(-0.015)]), 3e-3) is None  # along the last move
     assert longest_hold(prepare([under_feedback(0.0, 0.002)]), 3e-3) is None  # a straight line
     assert longest_hold(prepare([under_feedback(0.0)]), 3e-3) is None
 
@@ -81,7 +81,7 @@ def multisine(n: int, seed: int) -> np.ndarray:
 
 
 def drive_is_earlier_by(u: np.ndarray, y: np.ndarray) -> float:
-    """Samples by which the drive is moved."""
+    """Return by how many samples the diagnosis assumes the drive to act earlier."""
     data = prepare([Recording(np.arange(u.size) * DT, u, y + noise(u.size))])
     problem = Problem(data, rich_base(data))
     found = earlier_drive(problem, problem.solve([]), NOISE)
@@ -131,7 +131,7 @@ def test_what_is_fed_by_steps_is_distinguished_from_what_is_fed_by_straight_line
     t = np.arange(8000) * DT
     u = 5 + multisine(t.size, 1) + 0.2 * np.random.default_rng(2).standard_normal(t.size)
     u[0] = u.min()
-    ahead = np.append(u[1:], u[-1]) if hold == "zoh" else u  # each command from the sample before
+    ahead = np.append(u[1:], u[-1]) if hold == "zoh" else u  # held from before
     y = signal.lsim(system, ahead - u[0], t, interp=hold == "foh")[1]
     data = prepare([Recording(t, u, y + noise(t.size))])
     problem = Problem(data, rich_base(data))

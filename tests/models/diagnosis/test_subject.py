@@ -1,5 +1,6 @@
-"""What is diagnosed is the model in use: its error, what explains it, what is left, with one pair
-of figures that `simulate` gives too. Stages are integrated here, by no equation of the library."""
+"""The subject of a diagnosis is the model in use: its error, what explains it, what is left, with
+the same two figures that `simulate` gives. Stages are integrated here, by no equation of the
+library."""
 
 from dataclasses import replace
 
@@ -20,7 +21,7 @@ DT, NOISE_UM, N = 1e-3, 0.02, 8000
 
 
 def drive(k: int) -> np.ndarray:
-    """From rest: lines of 0.4 to 21 Hz in 0 to 10 V, another set for each k."""
+    """Return lines of 0.4 to 21 Hz in 0 to 10 V that begin at rest, another set for each k."""
     t = np.arange(N) * DT
     lines = ((2.2, 0.4 + 0.3 * k, 0.3), (1.0, 3.1 - k, 1.0), (0.6, 9.0 + k, 2.0), (0.3, 21.0, 0.1))
     u = sum(a * np.sin(2 * np.pi * f * t + p + k) for a, f, p in lines)
@@ -28,7 +29,7 @@ def drive(k: int) -> np.ndarray:
 
 
 def dead_bands(u: np.ndarray, halves: tuple[float, ...], weights: tuple[float, ...]) -> np.ndarray:
-    """Sum of dead bands by brute force."""
+    """Sum dead bands by brute force."""
     out = np.zeros(u.size)
     for half, weight in zip(halves, weights, strict=True):
         p = 0.0
@@ -39,19 +40,19 @@ def dead_bands(u: np.ndarray, halves: tuple[float, ...], weights: tuple[float, .
 
 
 def plain(u: np.ndarray) -> np.ndarray:
-    """A stage of the model's own class: five dead bands and a cubic."""
+    """Return a stage of the model's own class: five dead bands and a cubic."""
     z = dead_bands(u, (0.0, 0.2, 0.7, 1.5, 2.6), (0.8, 0.08, 0.1, 0.08, 0.06))
     return z - 0.004 * z**2
 
 
 def one_sided(u: np.ndarray) -> np.ndarray:
-    """The same with a loop that bends over on its rising branch alone."""
+    """Return the same with a loop that bends on its rising branch only."""
     ahead = np.maximum(u - dead_bands(u, (1.2,), (1.0,)), 0.0)
     return plain(u) + 0.25 * ahead**2
 
 
 def curved_sensor(u: np.ndarray) -> np.ndarray:
-    """The same read by a sensor that errs in waves of 3 um along the range."""
+    """Return the same, read by a sensor whose error is a wave of 3 um along the range."""
     x = plain(u)
     return x + 0.12 * np.sin(2 * np.pi * x / 3.0)
 
@@ -67,7 +68,7 @@ def recordings(stage: object, late_s: float = 0.0, seed: int = 0) -> list[Record
 
 
 def simulated_rms(model: Model, one: Recording) -> float:
-    """Rms of what simulating the written model leaves, without its mean."""
+    """Return the rms residual of the simulated written model, without its mean."""
     e = one.displacement - simulate(modelfile.loads(modelfile.dumps(model)), one.t_s, one.drive)
     return float(np.std(e))
 
@@ -114,7 +115,7 @@ def test_a_delay_on_a_stage_of_the_models_class_is_no_shape() -> None:
 
 
 def test_the_given_model_is_what_is_diagnosed() -> None:
-    """A model that holds the stage's delay leaves nothing; with half of it, it lacks the other."""
+    """A model with the stage's delay leaves nothing; one with half of it lacks the other half."""
     given = recordings(plain, late_s=4e-3)
     own = identify(recordings(plain), Options(rate=False)).model
     for held, names in ((4e-3, []), (2e-3, ["delay"])):

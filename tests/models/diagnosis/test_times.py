@@ -1,5 +1,5 @@
-"""What has a time: creep from before the recording, a line for a part of it, a slip; lines of the
-drive that are none of the surroundings; recordings that are too long to be fitted whole."""
+"""Effects with a time: creep from before the recording, a line for a part of it, a slip; lines of
+the drive that are not ambient; recordings that are too long to be fitted whole."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from dehyst.models.signals.lines import find_lines
 
 
 def changed(add: object) -> list[Recording]:
-    """The plain stage's recordings with so much more in the reading: add(t, number)."""
+    """Return the plain stage's recordings with add(t, number) added to the reading."""
     return [
         Recording(r.t_s, r.drive, r.displacement + add(r.t_s, k), name=r.name)  # type: ignore[operator]
         for k, r in enumerate(recordings(plain))
@@ -24,8 +24,8 @@ def changed(add: object) -> list[Recording]:
 
 
 def test_creep_of_an_earlier_move_is_named_as_creep() -> None:
-    """A second after a move of 10 um: 1.2 % of it a decade, as Kelvin and Voigt's elements make it
-    (four relaxations of 0.3 to 30 s)."""
+    """The recording begins a second after a move of 10 um: creep of 1.2 % of it per decade, by
+    Kelvin-Voigt elements (four relaxations of 0.3 to 30 s)."""
 
     def past(t: np.ndarray, k: int) -> np.ndarray:
         taus = np.array([0.3, 1.4, 6.5, 30.0])
@@ -36,7 +36,7 @@ def test_creep_of_an_earlier_move_is_named_as_creep() -> None:
     first = d.findings[0]
     assert first.name == "creep"
     assert "before the recording" in first.says
-    # the two moves went opposite ways: no model predicts the next recording's
+    # the two moves were in opposite directions: no model predicts the next recording's
     assert d.verdict == "partly"
     assert "The written model does not contain it" in first.says
     assert d.rms["augmented"] == d.rms["model"]
@@ -72,7 +72,7 @@ def test_a_line_is_found_in_its_stretches_only() -> None:
 
 
 def test_a_harmonic_of_a_drive_that_swells_is_no_line_of_a_part_of_the_time() -> None:
-    """A limited slew cuts a fast sine where it is high, and makes its third harmonic there."""
+    """A slew limit clips a fast sine at high amplitude, and generates its third harmonic there."""
     t = np.arange(9000) * DT
     swells = np.exp(-(((t - 4.0) / 1.2) ** 2))
     u = 5 + 2.5 * np.sin(2 * np.pi * 0.46 * t) + (0.1 + swells) * np.sin(2 * np.pi * 21.7 * t)
@@ -102,7 +102,7 @@ def test_the_time_of_a_slip_and_of_a_change_is_reported() -> None:
 @pytest.mark.parametrize("f", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize("form", ["sine", "triangle"])
 def test_a_periodic_drive_makes_no_lines_of_the_surroundings(f: float, form: str) -> None:
-    """What a hysteresis of another class leaves repeats with the drive."""
+    """The residual of a hysteresis of another class repeats with the drive."""
     t = np.arange(12_000) * DT
     phase = f * t % 1.0
     u = 5 - 4.5 * np.cos(2 * np.pi * phase) if form == "sine" else 9 * (1 - np.abs(2 * phase - 1))
@@ -127,7 +127,7 @@ def test_products_of_two_lines_of_the_drive_are_blind() -> None:
 
 
 def test_a_line_is_found_among_the_harmonics_of_a_common_period() -> None:
-    """Two sines repeat together every ten seconds or so: harmonics of that lie everywhere."""
+    """Two sines repeat together about every ten seconds: harmonics of that lie everywhere."""
     t = np.arange(6000) * 0.01
     u = 5 + 2.5 * np.sin(2 * np.pi * 5.0 * t) + 2 * np.sin(2 * np.pi * 8.1 * t + 1)
     noise = 0.002 * np.random.default_rng(1).standard_normal(t.size)
@@ -137,7 +137,7 @@ def test_a_line_is_found_among_the_harmonics_of_a_common_period() -> None:
 
 
 def test_a_line_of_the_reading_is_found_though_feedback_brings_it_into_the_drive() -> None:
-    """An integrating loop answers hum of the sensor with a drive against it."""
+    """An integrating loop drives against hum of the sensor."""
     t = np.arange(12_000) * DT
     hum = 0.01 * np.sin(2 * np.pi * 47.9 * t)
     u = 5 + 2.5 * np.sin(2 * np.pi * 0.31 * t) - 0.6 * hum
@@ -157,8 +157,8 @@ def test_a_line_is_found_in_stretches_that_lie_apart() -> None:
 
 
 def test_an_excerpt_keeps_the_memory_of_the_drive() -> None:
-    """The base's columns at the samples of an excerpt are those of the whole recording: of the
-    plays to the last digit that the extremes between hold, of the others nearly."""
+    """The base's columns at the samples of an excerpt are those of the whole recording: exactly for
+    the plays whose state the intermediate extremes preserve, nearly for the others."""
     t = np.arange(60_000) * DT
     u = np.concatenate([drive(k) for k in (0, 1) * 4])[: t.size]
     data = prepare([Recording(t, u, u + 0.01 * np.random.default_rng(0).standard_normal(t.size))])

@@ -1,4 +1,4 @@
-"""What a drive that hardly turns round lets be distinguished from its loop."""
+"""What can be distinguished from the loop if a drive hardly reverses."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def reported(data: Data) -> set[str]:
 
 
 def test_one_triangle_tells_lines_and_what_moves_by_itself_alone() -> None:
-    """Its time is its path: no slow change and no force at the turn stands out from the loop."""
+    """Its time is its path: a slow change or a force at the turn looks like a part of the loop."""
     force = np.exp(-(((T - 20.0) / 2.0) ** 2))
     other = np.sin(2 * np.pi * 0.7 * T)
     data = recorded(TRIANGLE, force_nn=force, u2_v=other)

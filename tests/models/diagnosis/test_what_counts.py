@@ -1,5 +1,5 @@
-"""What a cause must show before it is reported, with figures that are written down: its price, its
-least size, that it is the same everywhere; and how small an effect would have been seen."""
+"""What a cause must show before it is reported, with explicit figures: its price, its least size,
+that it is constant; and how small an effect would have been seen."""
 
 from dataclasses import replace
 
@@ -35,8 +35,8 @@ DT, N, SIGMA = 1e-3, 1500, 0.02
 
 
 def make(late_s: float = 0.0, gains: tuple[float, float] = (0.0, 0.0), n: int = N) -> Data:
-    """Two recordings of a straight stage, 1.1 um/v, with white noise of 0.02 um; late_s: its drive
-    comes so late; gains: of a second channel in each recording [um/v]."""
+    """Return two recordings of a straight stage, 1.1 um/v, with white noise of 0.02 um. late_s:
+    delay of its drive; gains: of a second channel in each recording [um/v]."""
     rng, out, t = np.random.default_rng(7), [], np.arange(n) * DT
     for k in range(2):
         v = t - late_s
@@ -94,8 +94,8 @@ def test_what_is_not_worth_its_price_is_refused(gain_in_prices: float, refused: 
 def test_what_removes_less_than_its_least_size_is_refused(
     key: str, theta: tuple[float, ...], size: float
 ) -> None:
-    """Sizes are rms, in rms of the noise: 0.17 where the drive causes it, 0.12 beside it, 0.3 for
-    what resembles a hysteresis."""
+    """Sizes are rms, in rms of the noise: 0.17 if the drive causes it, 0.12 if something else does,
+    0.3 for what resembles a hysteresis."""
     data = make(late_s=2e-3, gains=(0.2, 0.2))
     problem, state = problem_of(data)
     c = candidate(data, key)
@@ -110,7 +110,7 @@ def test_what_removes_less_than_its_least_size_is_refused(
 
 @pytest.mark.parametrize(("share", "refused"), [(0.95, True), (1.05, False)])
 def test_round_one_loop_alone_a_cause_must_remove_half_a_noise(share: float, refused: bool) -> None:
-    """What is held out repeats what was seen: a small gain there is none."""
+    """The held-out part repeats what was seen, so a small gain there does not count."""
     t, rng = np.arange(4 * N) * DT, np.random.default_rng(7)
     u = 5 - 3 * np.cos(2 * np.pi * 2.0 * t)
     late = 5 - 3 * np.cos(2 * np.pi * 2.0 * (t - 2e-3))
@@ -127,7 +127,8 @@ def test_round_one_loop_alone_a_cause_must_remove_half_a_noise(share: float, ref
 def test_a_mode_that_rings_long_counts_below_the_error_of_the_base(
     damping: float, refused: bool
 ) -> None:
-    """In a quiet recording no loop is known to a four thousandth of the stroke; nor rings one."""
+    """No loop is known to a four thousandth of the stroke, so smaller effects are refused; but the
+    error of a loop does not ring, so a lightly damped mode counts."""
     t, quiet, given = np.arange(4 * N) * DT, 1e-4, []
     for k in range(2):
         rng = np.random.default_rng(k)
@@ -149,7 +150,7 @@ def test_a_mode_that_rings_long_counts_below_the_error_of_the_base(
 
 
 def amplitudes(data: Data, by_block: list[float]) -> tuple[np.ndarray, np.ndarray]:
-    """A contribution x and a residual that has it with another amplitude in each block."""
+    """Return a contribution x and a residual that has it with another amplitude in each block."""
     x = np.cos(2 * np.pi * 4.1 * np.arange(data.n) * DT)
     return x, np.array(by_block)[data.block] * x
 
@@ -171,7 +172,7 @@ def test_constancy_is_the_scatter_of_the_amplitudes_over_blocks_and_recordings()
 
 
 def judged(data: Data, share_of_block: np.ndarray) -> str:
-    """What is said of a coupling that has these amplitudes in the ten blocks."""
+    """Return the verdict on a coupling that has these amplitudes in the ten blocks."""
     t = np.concatenate([np.arange(N) * DT] * 2)
     k = data.rec
     other = np.cos(2 * np.pi * 4.1 * t + k) + 0.3 * np.sin(2 * np.pi * 31 * t)
@@ -199,14 +200,14 @@ def test_a_cause_that_is_there_in_a_fifth_of_the_time_is_refused() -> None:
 
 
 def left_with(data: Data, y: Floats) -> float:
-    """Rms, in noises, that a fit without effects leaves of a reading."""
+    """Return the rms, in noises, that a fit without effects leaves of a reading."""
     return float(np.sqrt(problem_of(replace(data, y=y))[1].null.sse / data.n)) / SIGMA
 
 
 def test_a_limit_is_reported_a_little_above_what_is_found() -> None:
-    """Asked first at 0.3 noises for what lies beside the drive and 0.5 for what it causes;
-    what is reported is larger by a factor of 2^0.5, or half of the way from one probe to the next
-    (a factor of 2.15)."""
+    """The first probe is at 0.3 noises for effects that the drive does not cause and 0.5 for those
+    that it does; the reported value is larger by a factor of 2^0.5, or half of the step from one
+    probe to the next (a factor of 2.15)."""
     data = make()
     quiet = replace(data, y=1.1 * data.u)
     _, state = problem_of(quiet)
@@ -251,8 +252,7 @@ def test_a_cause_that_was_found_has_no_limit() -> None:
 
 
 def creeping(data: Data, gain: float) -> Floats:
-    """(N,) what a stage of the recorded reading creeps, by gain log10(1 + t / 0.1 s) of each
-    move."""
+    """Return a stage's creep (N,) for this reading: gain log10(1 + t / 0.1 s) of each move."""
     out = np.zeros(data.n)
     for i in range(2):
         k = data.rec == i
@@ -265,8 +265,8 @@ def creeping(data: Data, gain: float) -> Floats:
 def test_creep_of_an_earlier_move_is_likelier_only_where_the_recorded_moves_creep(
     gain: float,
 ) -> None:
-    """The same slow rise after a move of up to 10 um, another in each recording: with and without
-    that creep."""
+    """The same slow rise after a move of up to 10 um, another in each recording, with and without
+    that creep in the recorded moves."""
     data = make()
     rise = 0.6 * (1.0 - np.exp(-data.t / np.array([1.0, 1.6])[data.rec]))
     problem, state = problem_of(replace(data, y=data.y + rise + creeping(data, gain)))
@@ -279,7 +279,7 @@ def test_creep_of_an_earlier_move_is_likelier_only_where_the_recorded_moves_cree
 
 
 def test_an_explanation_pays_for_each_of_its_parameters() -> None:
-    """The logarithm of 3000 samples in noise variances (Schwarz): two times, two amplitudes."""
+    """The logarithm of 3000 samples in noise variances (Schwarz): two times and two amplitudes."""
     data = make()
     problem, state = problem_of(data)
     trial = tried(problem, SIGMA, state.null, candidate(data, "drift-trend"), (0.9, 0.9))
@@ -314,8 +314,8 @@ def test_beside_three_found_effects_nothing_that_the_drive_causes_is_excluded(co
 def test_of_two_that_are_alike_the_one_that_the_other_makes_up_for_goes_first(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A warm-up, fitted together with creep of an earlier move: neither is known well beside the
-    other, and the warm-up is by itself."""
+    """A warm-up, fitted together with creep of an earlier move: neither is known well next to the
+    other, but the warm-up alone is."""
     given, t = [], 4 * DT * np.arange(6000)
     for k in range(2):
         u = (5 + 3 * np.sin(2 * np.pi * (0.4 + 0.1 * k) * t)) * np.clip(t / 0.5, 0, 1)
@@ -336,8 +336,8 @@ def test_of_two_that_are_alike_the_one_that_the_other_makes_up_for_goes_first(
 
 
 def test_what_explains_another_part_of_the_misfit_is_no_rival() -> None:
-    """A delay that takes more than the accepted line, and stays beside it. A lag stands for the
-    delay, whether the search had it on its list or not."""
+    """A delay that removes more than the accepted line and remains when the line is included. A lag
+    may replace the delay, whether or not the search had it on its list."""
     late = make(late_s=1e-3)
     line = 0.03 * np.sin(2 * np.pi * 50.0 * late.t)
     data = replace(late, y=late.y + line)
@@ -352,7 +352,7 @@ def test_what_explains_another_part_of_the_misfit_is_no_rival() -> None:
         for searched in (found, untried):
             keys = [r.key for r in rivals(searched, accepted.effects[0])]
             assert (other in keys) is stands_for_it
-            assert "friction" not in keys  # it has a viscous part, which does as well as any lag
+            assert "friction" not in keys  # it has a viscous part, which fits as well as any lag
 
 
 def test_forms_of_what_the_drive_causes_keep_no_other_cause_off_the_list() -> None:

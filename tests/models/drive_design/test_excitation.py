@@ -1,4 +1,4 @@
-"""The drive for identification, and what a drive covers."""
+"""The drive for identification, and what range and rates a drive covers."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_drive_keeps_its_promises(
     assert sum(e.amplitudes) == pytest.approx(0.5 * span)
     rate = np.abs(np.diff(e.u)) * 1000
     assert rate.max() == pytest.approx(e.rate_max)
-    bend = np.abs(np.diff(e.u, 2)) * 1e6  # gentle: the rate nowhere jumps
+    bend = np.abs(np.diff(e.u, 2)) * 1e6  # gentle: the rate never jumps
     swing = sum(
         a * (2 * np.pi * f) ** 2 for a, f in zip(e.amplitudes, e.frequencies_hz, strict=True)
     )

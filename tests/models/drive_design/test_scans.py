@@ -1,4 +1,4 @@
-"""Paths in the plane: where they go, how fast, without a corner, back to where they began."""
+"""Paths in the plane: their shape and speed; they have no corner and return to where they began."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def test_it_begins_and_ends_at_rest_at_one_place(name: str) -> None:
 
 @pytest.mark.parametrize("name", SCANS)
 def test_it_has_no_corner(name: str) -> None:
-    """The speed changes from sample to sample by what the shortest turn needs, never at once."""
+    """The speed changes from sample to sample by what the shortest turn needs, and never jumps."""
     scan = SCANS[name]
     speed = np.diff(np.stack([scan.x, scan.y]), axis=1) / T
     change = np.max(np.abs(np.diff(speed, axis=1)))
@@ -63,7 +63,7 @@ def test_a_spiral_keeps_its_pitch_and_speed() -> None:
 
 
 def test_a_lissajous_figure_is_its_equation() -> None:
-    """a : b in the figure's own coordinates, whatever the speed: by the Chebyshev identity
+    """The figure is a : b in its own coordinates, whatever the speed: by the Chebyshev identity
     T_3(cos) of the phases, x = cos 2p, y = sin 3p."""
     scan = SCANS["lissajous"]
     x, y = scan.x / 2.5, scan.y / 1.5

@@ -1,4 +1,4 @@
-"""The experiment that separates two candidates, against what physics says of each pair."""
+"""The experiment that separates two candidates, compared with what physics says of each pair."""
 
 import numpy as np
 import pytest

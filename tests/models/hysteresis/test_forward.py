@@ -1,4 +1,4 @@
-"""The forward model against the paper's own figures and a plain brute-force loop."""
+"""The forward model, compared with the paper's own figures and a plain brute-force loop."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from dehyst.models.modelfile import shipped
 
 
 def _brute_force(h: Hysteresis, u: np.ndarray, dt: float) -> np.ndarray:
-    """Eq. 1, 3, 5 and 6 of the paper, word for word, one operator after the other."""
+    """Run Eq. 1, 3, 5 and 6 of the paper literally, one operator after the other."""
     out = np.zeros(u.size)
     state = [0.0] * h.n
     for t in range(u.size):

@@ -1,4 +1,4 @@
-"""The nearest monotone model and its price against references of their own: a grid of all
+"""The nearest monotone model and its price, compared with independent references: a grid of all
 candidates, and a bounded least squares by scipy's trust region on columns made by plain loops."""
 
 import numpy as np
@@ -13,7 +13,7 @@ LEAST = 0.05  # of the full-travel slope: the least slope of a nearest monotone 
 
 
 def plays_by_hand(r: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """(N, n) play operators from their definition."""
+    """Return the play operators (N, n), computed from their definition."""
     h, out = np.zeros(r.size), np.empty((u.size, r.size))
     for t, v in enumerate(u):
         h = np.maximum(v - r, np.minimum(v + r, h))
@@ -24,7 +24,7 @@ def plays_by_hand(r: np.ndarray, u: np.ndarray) -> np.ndarray:
 def output_by_hand(
     r: np.ndarray, b: np.ndarray, k: np.ndarray, c: np.ndarray, u: np.ndarray, dt: float
 ) -> np.ndarray:
-    """y = S(sum (b + k du/dt) H), Eq. 6 of Qin et al."""
+    """Return y = S(sum (b + k du/dt) H), Eq. 6 of Qin et al."""
     plays, rates = plays_by_hand(r, u), np.concatenate([[0.0], np.diff(u)]) / dt
     z = plays @ b + rates * (plays @ k)
     return np.polynomial.polynomial.polyval(z, c)
@@ -35,7 +35,7 @@ def rms(x: np.ndarray) -> float:
 
 
 def slopes_after_reversal(h: Hysteresis, rate: float) -> np.ndarray:
-    """(2, n) partial sums at the rates -rate and rate."""
+    """Return the partial sums (2, n) at the rates -rate and rate."""
     return np.array([np.cumsum(h.b - rate * h.k), np.cumsum(h.b + rate * h.k)])
 
 
@@ -44,7 +44,7 @@ BENT = [0.1, 1.0, 0.0, -0.004]
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_of_two_operators_it_is_the_best_of_all_on_a_grid(sign: float) -> None:
-    """Slopes -0.2 and 1.0 wanted: over a fine grid of both, none that is allowed comes nearer."""
+    """Slopes -0.2 and 1.0 wanted: over a fine grid of both, no allowed pair comes nearer."""
     r, b, c = np.array([0.0, 1.0]), sign * np.array([-0.2, 1.2]), np.array([0.0, 1.0])
     model = Model(Hysteresis(r=r, b=b, c=c), Validity(0.0, 8.0))
     near, price = nearest_monotone(model)
@@ -68,7 +68,7 @@ def test_of_two_operators_it_is_the_best_of_all_on_a_grid(sign: float) -> None:
 
 @pytest.mark.parametrize("name", ["paper-eq11", "paper-eq12"])
 def test_no_other_slopes_come_nearer_than_those_of_a_trust_region(name: str) -> None:
-    """The weights b, by least squares in bounds on columns weighted by the saturation's slope."""
+    """The weights b, by bounded least squares on columns weighted by the saturation's slope."""
     h = shipped(name).hysteresis
     v = shipped(name).validity
     near, price = nearest_monotone(shipped(name))
@@ -93,7 +93,7 @@ def test_no_other_slopes_come_nearer_than_those_of_a_trust_region(name: str) -> 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_with_rates_slopes_of_both_signs_come_near_as_a_free_search_finds_them(sign: float) -> None:
     """k of either sign, so that the model is monotone at rest but not at 20 V/s upwards or
-    downwards; a general minimiser over b and k with a wall finds nothing nearer."""
+    downwards; a general minimiser over b and k with a barrier finds nothing nearer."""
     rate = 20.0
     r = np.array([0.0, 0.7, 2.0])
     b, k = np.array([0.25, 0.35, 0.4]), sign * np.array([-0.02, 0.012, 0.004])
@@ -108,7 +108,7 @@ def test_with_rates_slopes_of_both_signs_come_near_as_a_free_search_finds_them(s
     columns = np.hstack([steps, steps * (rates / rate)[:, None]])  # of P, and of rate times Q
 
     def misfit(x: np.ndarray) -> np.ndarray:
-        """x: slopes at both rates, as far above the least as they are."""
+        """x: slopes at both rates, as square roots of their excess over the least slope."""
         up, down = LEAST + x[:3] ** 2, LEAST + x[3:] ** 2
         return columns @ np.concatenate([0.5 * (up + down), 0.5 * (up - down)]) - wanted
 
@@ -121,7 +121,7 @@ def test_with_rates_slopes_of_both_signs_come_near_as_a_free_search_finds_them(s
     assert price == pytest.approx(reference, rel=1e-3)
     assert slopes_after_reversal(h, rate).min() == pytest.approx(LEAST, rel=1e-6)
     assert np.sign(h.k[0]) == np.sign(k[0])
-    assert h.k == pytest.approx(k, abs=0.012)  # near what it was, of its own sign
+    assert h.k == pytest.approx(k, abs=0.012)  # near the original, with the same sign
 
 
 def test_the_price_is_the_difference_in_displacement_not_before_the_saturation() -> None:

@@ -1,5 +1,4 @@
-"""How fast the drive can be where an operator joins in, and how far z goes: against drives by
-chance."""
+"""The drive rate at which each operator joins in, and the range of z, for random drives."""
 
 import numpy as np
 import pytest
@@ -14,8 +13,8 @@ R = np.array([0.0, 4e-4, 3e-3, 0.02, 0.1, 0.3, 0.6, 0.9, 2.0])
 
 
 def drive_by_chance(seed: int, n: int = 20_000) -> Floats:
-    """(N,) from 0 to 8 V; its rate, the difference of samples, stays below RATE and changes by no
-    more than ACCELERATION, which it often does."""
+    """Return a random drive (N,) from 0 to 8 V; its rate, the difference of samples, stays below
+    RATE and changes by at most ACCELERATION, which it often does."""
     rng = np.random.default_rng(seed)
     most = ACCELERATION * T
     u, rate = np.zeros(n), 0.0
@@ -38,7 +37,7 @@ def drive_by_chance(seed: int, n: int = 20_000) -> Floats:
 
 
 def run_plays(u: Floats) -> Floats:
-    """(N, n) D_j: what each operator is above the next."""
+    """Return D_j (N, n): the state of each operator minus the next operator's."""
     h, out = np.zeros(R.size), np.empty((u.size, R.size))
     for t, v in enumerate(u):
         h = np.maximum(v - R, np.minimum(v + R, h))
@@ -55,7 +54,7 @@ def test_no_operator_joins_in_at_a_higher_rate(seed: int) -> None:
     rates = find_rates(R, RATE, ACCELERATION, T)
     met = np.array([rate[moved[:, j]].max() for j in range(R.size)])
     assert np.all(met <= rates * (1 + 1e-9))
-    assert np.all(met[1:5] > 0.5 * rates[1:5])  # and these are no idle bounds
+    assert np.all(met[1:5] > 0.5 * rates[1:5])  # and the bounds are not loose
 
 
 def test_without_a_bound_on_the_acceleration_every_rate_is_the_largest() -> None:

@@ -1,4 +1,4 @@
-"""Drives about a bias, and the band of what a model predicts."""
+"""Drives about a bias, and the uncertainty band of what a model predicts."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ N = 8000
 
 
 def run_stage(u: Floats) -> Floats:
-    """Eq. 1, 3 and 6 written out: a stage whose loops widen with the rate."""
+    """Run Eq. 1, 3 and 6, written out: a stage whose loops widen with the rate."""
     r, b = np.array([0.0, 4.0, 15.0]), np.array([0.08, 0.03, 0.03])
     k = np.array([-9e-6, 4e-6, 1.5e-6])
     h, y = np.zeros(3), np.empty(u.size)
@@ -27,7 +27,7 @@ def run_stage(u: Floats) -> Floats:
 
 
 def drive(low: float, high: float, seed: int) -> Floats:
-    """Led in from 0, then sines over the range."""
+    """Return a lead-in from 0, then sines over the range."""
     t = np.arange(N) * T
     rng = np.random.default_rng(seed)
     x = np.sin(2 * np.pi * np.outer(t, [1.3, 5.0, 9.0]) + rng.uniform(0, 6, 3)).sum(axis=1)
@@ -37,7 +37,7 @@ def drive(low: float, high: float, seed: int) -> Floats:
 
 @pytest.mark.parametrize(("low", "high"), [(20.0, 80.0), (60.0, 100.0)])
 def test_a_drive_about_a_bias_predicts_another(low: float, high: float) -> None:
-    """What the rate does depends on the drive's true zero, which the recording never reaches."""
+    """The rate's effect depends on the drive's true zero, which the recording never reaches."""
     u, other = drive(low, high, 1), drive(low, high, 2)
     noise = 0.004 * np.random.default_rng(3).standard_normal(N)
     y = run_stage(u)[500:] + noise
@@ -50,8 +50,8 @@ def test_a_drive_about_a_bias_predicts_another(low: float, high: float) -> None:
 
 
 def run_curved_stage(u: Floats) -> Floats:
-    """A stage of many operators whose loops widen with the rate, and whose displacement bends by
-    less than a hundredth."""
+    """Run a stage of many operators whose loops widen with the rate, and whose displacement is
+    curved by less than a hundredth."""
     r = np.linspace(0.0, 90.0, 60)
     b = np.r_[0.075, 1.8e-3 * np.exp(-r[1:] / 25.0)]
     k = np.r_[-9e-6, 3.3e-7 * np.exp(-r[1:] / 15.0)]
@@ -64,8 +64,8 @@ def run_curved_stage(u: Floats) -> Floats:
 
 @pytest.mark.parametrize("low", [20.0, 40.0])
 def test_two_sines_about_a_bias_predict_a_slow_drive(low: float) -> None:
-    """A curve and what the rate does look nearly alike in two sines: only weighed against each
-    other do they predict slower rates."""
+    """A curvature and the effect of the rate look nearly alike in two sines: slower rates are only
+    predicted if the two are weighted against each other."""
     high, t = 100.0 - low, np.arange(N) * T
     lead = np.linspace(0.0, low, 500)
     x = 2 * (1 - np.cos(2 * np.pi * 10 * t)) + 3 * (1 - np.cos(2 * np.pi * 5 * t))
@@ -83,8 +83,7 @@ def test_two_sines_about_a_bias_predict_a_slow_drive(low: float) -> None:
 
 
 def test_a_curve_that_two_sines_hardly_show_is_not_left_out() -> None:
-    """From rest: without its curve the stage's triangle is off by 0.8 of the noise, with it by at
-    most 0.5."""
+    """From rest: without the curvature the triangle is off by 0.8 of the noise, with it by 0.5."""
     t = np.arange(N) * T
     u = 20 * (1 - np.cos(2 * np.pi * 10 * t)) + 30 * (1 - np.cos(2 * np.pi * 5 * t))
     slow = 75.0 * (1 - np.abs(1 - 2 * np.arange(2000) / 2000))
@@ -98,8 +97,8 @@ def test_a_curve_that_two_sines_hardly_show_is_not_left_out() -> None:
 
 @pytest.mark.parametrize("free", [False, True], ids=["known offset", "fitted offset"])
 def test_equations_about_the_middle_are_the_written_model(free: bool) -> None:
-    """Plays about the middle of the range, the rate about another drive: once the plays are
-    settled, the written model leaves what the equations leave."""
+    """Plays about the middle of the range, and the rate about another drive: once the plays are
+    settled, the written model's residual is that of the equations."""
     u = drive(20.0, 80.0, 1)[500:]
     rec = Recording(np.arange(N) * T, u, 0.1 * u)
     setup = set_up([read_rows(rec)], True)

@@ -1,4 +1,4 @@
-"""The bounded solver against scipy, and the threshold elimination against brute force."""
+"""The bounded solver, compared with scipy, and the threshold elimination, with brute force."""
 
 from itertools import pairwise
 
@@ -32,7 +32,7 @@ def test_same_solution_as_scipy(seed: int, size: int, collinear: bool) -> None:
 
 
 def test_elimination_is_the_fit_of_the_smaller_model() -> None:
-    """Every grid's misfit is that of a plain bounded fit with the tied columns summed."""
+    """Every grid's misfit equals that of a plain bounded fit with the tied columns summed."""
     rng = np.random.default_rng(3)
     finest, rows = 6, 200
     a = rng.standard_normal((rows, 2 * finest + 1))

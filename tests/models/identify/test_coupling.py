@@ -1,4 +1,4 @@
-"""Coupling from other axes, identified: against the gains by which the recordings were made."""
+"""Identified coupling from other axes, compared with the gains that made the recordings."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def waves(n: int, hz: float) -> Floats:
 
 
 def run(seed: int, gain: float, apart: bool = True) -> Recording:
-    """x alone, then y alone, then both together; or together all the time."""
+    """Return a recording in which x moves alone, then y alone, then both; or always both."""
     n = 1000
     rest = np.zeros(n)
     parts = ((waves(n, 1.0), rest), (rest, waves(n, 0.8)), (waves(n, 1.0), waves(n, 0.77)))

@@ -1,4 +1,4 @@
-"""A lag around the hysteresis is found where there is one, and none where there is none."""
+"""A lag around the hysteresis is found if there is one, and none is reported otherwise."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_columns_are_filtered_as_the_equation_says(lag: Dynamics, below: tuple) 
     x = np.column_stack([u, u**2])
     through = Filter(lag, 2)
     out, fresh = x.copy(), np.zeros(u.size, dtype=bool)
-    for part in (slice(0, 300), slice(300, 1000)):  # in two lots
+    for part in (slice(0, 300), slice(300, 1000)):  # in two parts
         lot = out[part].copy()
         through.run(lot, np.arange(u.size)[part] * T, fresh[part])
         out[part] = lot
@@ -46,7 +46,7 @@ def test_columns_are_filtered_as_the_equation_says(lag: Dynamics, below: tuple) 
 
 @pytest.mark.parametrize(
     ("place", "tau_s"),
-    [("drive", 0.006), ("sensor", 0.006), ("drive", 0.015)],  # at most 0.024 is sought
+    [("drive", 0.006), ("sensor", 0.006), ("drive", 0.015)],  # the search ends at 0.024
 )
 def test_a_lag_is_found(place: str, tau_s: float) -> None:
     u = drive()
@@ -74,8 +74,8 @@ def test_none_is_found_where_there_is_none() -> None:
 
 
 def record_slowly(place: str, tau_s: float, last_hz: float, seconds: float = 12.0) -> Recording:
-    """A sweep over the full range from 0.5 Hz on, at 200 Hz; stage and lag are run ten
-    times as fast, and not by the product."""
+    """Return a sweep over the full range, starting at 0.5 Hz, recorded at 200 Hz; stage and lag are
+    run at ten times that rate, and not by the product."""
     step = 0.5 * T
     t = np.arange(round(seconds / step)) * step
     phase = 2 * np.pi * (0.5 * t + (last_hz - 0.5) / (2 * seconds) * t**2)
@@ -97,7 +97,7 @@ def record_slowly(place: str, tau_s: float, last_hz: float, seconds: float = 12.
 
 @pytest.mark.parametrize("place", ["drive", "sensor"])
 def test_the_side_of_a_long_lag_is_reported(place: str) -> None:
-    """The structure that was chosen without it puts it at 16 ms."""
+    """The structure that was chosen without the lag puts it at 16 ms."""
     found = identify([record_slowly(place, 0.02, 6.0)])
     (one,) = found.model.blocks
     assert (one.kind, one.place) == ("lag", place)
@@ -106,7 +106,7 @@ def test_the_side_of_a_long_lag_is_reported(place: str) -> None:
 
 
 def test_a_side_that_cannot_be_distinguished_is_said() -> None:
-    """A lag of less than a sample, of which nobody can say where it is."""
+    """A lag of less than a sample, whose side cannot be determined."""
     found = identify([record_slowly("sensor", 0.003, 1.0)])
     assert found.model.blocks[0].place == "drive"
     assert any("cannot be distinguished" in note for note in found.notes)

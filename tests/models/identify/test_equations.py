@@ -1,4 +1,4 @@
-"""Equations of the fit against independent references: finite differences, plain numpy."""
+"""The equations of the fit, compared with finite differences and plain numpy."""
 
 from dataclasses import replace
 
@@ -56,7 +56,7 @@ def test_jacobian_is_the_derivative(shape: Shape) -> None:
 @pytest.mark.parametrize("by_turns", [False, True])
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda s: s.name)
 def test_equations_and_forward_model_agree(shape: Shape, by_turns: bool) -> None:
-    """What the equations leave is what the written model leaves when it is run."""
+    """The residual of the equations is the residual of the written model when it is run."""
     rec = _recording()
     rows = [read_rows(rec)]
     setup = replace(set_up(rows, True), by_turns=by_turns)

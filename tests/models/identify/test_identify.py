@@ -1,4 +1,4 @@
-"""Identification of stages whose truth is known, and of recordings that are damaged."""
+"""Identification of stages whose truth is known, and of damaged recordings."""
 
 import numpy as np
 import pytest
@@ -47,14 +47,14 @@ def paper() -> Identification:
 
 
 def require_invertible(result: Identification) -> None:
-    """Every promise of a written model: slopes, saturation, a round trip by the inverse."""
+    """Check every promise of a written model: slopes, saturation, a round trip by the inverse."""
     model = loads(dumps(result.model))
     h, v = model.hysteresis, model.validity
     rates = np.zeros(h.n)
     if result.shape.rate:
         rates = find_rates(h.r, v.rate_max or 0.0, v.acceleration_max, v.period_s or 0.0)
     assert is_invertible(h, v.drive_min, v.drive_max, rates)
-    assert is_invertible(h, v.drive_min, v.drive_max, 0.0)  # what the static inverse walks
+    assert is_invertible(h, v.drive_min, v.drive_max, 0.0)  # what the static inverse uses
     assert find_wrong_way(h, v.drive_min, v.drive_max, rates) is None
     assert nearest_monotone(model)[1] == 0.0
     if h.static:
@@ -78,8 +78,8 @@ def test_paper_recording(paper: Identification) -> None:
 
 
 def test_slopes_are_bounded_up_to_what_a_turn_allows(paper: Identification) -> None:
-    """Narrow operators may be negative at the largest rate, which the drive never has where they
-    move; the same stage run with corners gives no such freedom."""
+    """Narrow operators may have negative slopes at the largest rate, which the drive never has when
+    they move; the same stage driven with corners allows no such freedom."""
     h, v = paper.model.hysteresis, paper.model.validity
     assert paper.rates[0] < 0.1 * paper.rates[-1]
     assert not is_invertible(h, v.drive_min, v.drive_max, v.rate_max or 0.0)
@@ -126,7 +126,7 @@ def test_a_very_long_recording_is_fitted_in_part(monkeypatch: pytest.MonkeyPatch
 
 
 def test_monotone_static_stage_is_found_again() -> None:
-    """A truth of the family, with its own scale between weights and polynomial."""
+    """The truth is in the model's class, with its own scale between weights and polynomial."""
     truth = Hysteresis(r=[0.0, 0.4, 1.5, 3.0], b=[0.08, 0.02, 0.02, 0.01], c=[0.0, 9.0, 0.0, -0.5])
     u = two_sines()
     result = identify([measured(truth, u, 0.002)], Options(rate=False))
@@ -163,7 +163,7 @@ def test_structure_can_be_fixed() -> None:
     phases=[Phase.explicit, Phase.generate],
     suppress_health_check=list(HealthCheck),
 )
-@example(142, True, 0.0046)  # positive at every rate: then the file holds no acceleration
+@example(142, True, 0.0046)  # positive at every rate: then the file contains no acceleration
 @given(st.integers(0, 1000), st.booleans(), st.floats(0.0, 0.3))
 def test_whatever_is_written_can_be_inverted(seed: int, rate: bool, noise: float) -> None:
     """Random stages, monotone or not, saturating or not, rising or falling."""
@@ -175,7 +175,7 @@ def test_whatever_is_written_can_be_inverted(seed: int, rate: bool, noise: float
     try:
         result = identify([measured(truth, two_sines(2500), noise, seed)], Options(rate=rate))
     except BadRecording:
-        return  # too little of the displacement follows the drive
+        return  # too little of the displacement depends on the drive
     require_invertible(result)
 
 
@@ -268,7 +268,7 @@ def test_several_recordings_with_their_own_offsets() -> None:
 
 
 def test_a_single_way_down_and_part_of_the_way_back() -> None:
-    """A stage that came from afar when the recording began: the start is found from the data."""
+    """The stage came from far away when the recording began: its start is found from the data."""
     truth = Hysteresis(
         r=[0.0, 0.5, 1.0, 2.0, 3.0, 4.0], b=[0.5, 0.1, 0.1, 0.1, 0.1, 0.1], c=[0.0, 1.0]
     )
@@ -278,7 +278,7 @@ def test_a_single_way_down_and_part_of_the_way_back() -> None:
         6000
     )
     u = u[500:]
-    rec = Recording(np.arange(3750) * T, u[:3750], y[:3750])  # to 2 of 8 on the way back
+    rec = Recording(np.arange(3750) * T, u[:3750], y[:3750])  # up to 2 of 8 on the way back
     h = identify([rec]).model.hysteresis
     error = simulate_hysteresis(h, u, T) - y
     assert rms(error[:3750]) < 0.004
@@ -289,7 +289,7 @@ def test_asymmetric_stage_gets_even_powers() -> None:
     truth = Hysteresis(r=[0.0, 0.5, 1.5], b=[0.8, 0.2, 0.2], c=[0.0, 1.0, 0.06])
     result = identify([measured(truth, two_sines(), 0.005)])
     assert result.shape.even
-    # what is held out are stretches of the drive that are found nowhere else in the recording
+    # the held-out part consists of stretches of the drive that occur nowhere else in the recording
     assert result.model.fit.holdout_rms < 0.0075
 
 

@@ -1,4 +1,4 @@
-"""How often the 95 % intervals of an identification hold the truth, counted.
+"""How often the 95 % intervals of an identification contain the truth, counted.
 
 The truth lies on the grid of thresholds that identification starts from, so that it can be found
 exactly; runs in which another threshold was kept have other parameters and are not counted.
@@ -15,13 +15,13 @@ from dehyst.models.model import Hysteresis
 from dehyst.models.recording import Recording
 
 T, N, NOISE_UM, RUNS = 1e-3, 3000, 0.01, 54
-R = [5.0 * (i / 48) ** 3 for i in (0, 16, 28, 40)]  # of a drive from 0 to 10 V
+R = [5.0 * (i / 48) ** 3 for i in (0, 16, 28, 40)]  # for a drive from 0 to 10 V
 SLOPES = np.array([0.6, 0.8, 1.1, 1.5])
 TRUTH = Hysteresis(r=R, b=np.diff(SLOPES, prepend=0.0), c=[0.0, 1.0])
 
 
 def drive() -> np.ndarray:
-    """Twelve turns of many sizes, from 0 to 10 V."""
+    """Return a drive with twelve turns of many sizes, from 0 to 10 V."""
     t = np.arange(N) / N
     u = -np.cos(2 * np.pi * 12 * t) * (0.1 + 0.9 * np.cos(2 * np.pi * 1.5 * t) ** 2)
     return np.asarray(10.0 * (u - u.min()) / np.ptp(u))
@@ -51,7 +51,7 @@ def test_95_of_100_intervals_hold_the_true_value(together: int) -> None:
 
 
 def test_errors_of_a_saturation_that_is_written_about_another_zero() -> None:
-    """Against parameters drawn by chance and written out about the other zero."""
+    """Compared with random parameters, expanded about the other zero."""
     rng = np.random.default_rng(0)
     root = rng.normal(size=(3, 3))
     powers, shift = (0, 2, 3), 1.7

@@ -1,5 +1,5 @@
-"""What is outside of the model's class is refused with its reason; what is ordinary is not; and
-dynamics are claimed only where the recordings show two rates."""
+"""Recordings outside of the model's class are refused with a reason, and ordinary ones are not;
+dynamics are claimed only if the recordings show two rates."""
 
 import numpy as np
 import pytest
@@ -79,6 +79,6 @@ def test_two_rates_give_the_lag() -> None:
 def test_rows_that_were_left_out_are_simulated_and_reported() -> None:
     one = ordinary(0)
     y = one.displacement.copy()  # type: ignore[union-attr]
-    y[:250] += 0.3 * (y.max() - y.min())  # the stage was touched while it began
+    y[:250] += 0.3 * (y.max() - y.min())  # the stage was touched at the start
     found = identify([type(one)(one.t_s, one.drive, y, name="touched.csv")])
     assert any("rows were left out" in note for note in found.notes) or not found.used[0].all()

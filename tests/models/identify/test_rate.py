@@ -1,5 +1,5 @@
-"""Rate-dependence is taken where a stage has it, if only a little, and not where a static stage is
-of another class than the model: its misfit hangs together with place and rate alike."""
+"""Rate dependence is identified even if it is weak, but not for a static stage of another class
+than the model, whose misfit is correlated with place and rate alike."""
 
 import numpy as np
 import pytest
@@ -11,14 +11,14 @@ T = 1e-3
 
 
 def sines(first: tuple[float, float], second: tuple[float, float]) -> Floats:
-    """Two sines (size, frequency in Hz) from 0 to 10 V."""
+    """Return two sines (size, frequency in Hz) from 0 to 10 V."""
     t = np.arange(2800) * T
     u = sum(a * (1.0 - np.cos(2 * np.pi * f * t)) for a, f in (first, second))
     return 10.0 * u / u.max()
 
 
 def run_preisach(u: Floats) -> Floats:
-    """A straight line and a plane of relays, all off at first, whose density is not symmetric."""
+    """Return a straight line plus a plane of relays, all off at first, of asymmetric density."""
     grid = np.linspace(0.0, 10.0, 121)
     up, down = np.meshgrid(grid, grid, indexing="ij")
     up, down = up[up > down], down[up > down]
@@ -31,7 +31,7 @@ def run_preisach(u: Floats) -> Floats:
 
 
 def run_weakly_dependent(u: Floats) -> Floats:
-    """Eq. 6 written out: at the largest rates the slopes differ by 0.6 % of their mean."""
+    """Run Eq. 6, written out: at the largest rates the slopes differ by 0.6 % of their mean."""
     r = np.linspace(0.0, 9.0, 60)
     b, k = np.r_[0.75, 0.018 * np.exp(-r[1:] / 2.5)], np.r_[-5e-5, 2e-6 * np.exp(-r[1:] / 1.5)]
     h, y = np.zeros(60), np.empty(u.size)
@@ -54,7 +54,7 @@ def test_a_static_stage_of_another_class_is_given_no_rate(
 
 
 def test_a_weak_rate_dependence_is_taken() -> None:
-    """A static model leaves a tenth of the noise's power more: it is seen in the sum alone."""
+    """A static model leaves a tenth of the noise power more, which only shows in the total."""
     u = sines((1.35, 5.6), (1.8, 4.2))
     noise = 0.02 * np.random.default_rng(6).standard_normal(u.size)
     rec = Recording(np.arange(u.size) * T, u, run_weakly_dependent(u) + noise)

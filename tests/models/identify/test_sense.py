@@ -1,4 +1,4 @@
-"""What cannot be drive and displacement of one stage is refused in one sentence."""
+"""Columns that cannot be drive and displacement of one stage are refused in one sentence."""
 
 from types import SimpleNamespace
 
@@ -32,7 +32,7 @@ def test_rows_far_apart_are_taken_as_seconds_and_the_option_is_named() -> None:
 
 
 def test_a_loop_that_leads_is_no_swap_where_the_reading_has_the_noise() -> None:
-    """Springs that lead (elasto-slide elements beside a straight one) run the loop backwards."""
+    """Springs that lead (elasto-slide elements and a linear one in parallel) reverse the loop."""
     leading = 2.0 * u - y
     found = identify([Recording(t, u, leading)])
     assert found.model.fit.rms < 0.03
@@ -43,7 +43,7 @@ def test_a_loop_that_leads_is_no_swap_where_the_reading_has_the_noise() -> None:
 
 
 def test_recordings_of_different_stages() -> None:
-    """The sentence has a figure for each, and names the one that does not belong."""
+    """The message has a figure for each recording, and names the one that does not belong."""
     v = 4 - 4 * np.cos(2 * np.pi * 3 * t)
     other = 1.6 * simulate_hysteresis(STAGE, v, T) + 0.01 * np.random.default_rng(
         1
@@ -100,7 +100,7 @@ def test_a_slow_sensor_is_used_for_what_it_is(every: int) -> None:
 
 
 def test_the_first_line_says_what_the_stage_is() -> None:
-    """Stroke and hysteresis by hand: over 0 to 7.56 V the major loop of three operators."""
+    """Stroke and hysteresis by hand: the major loop of three operators over 0 to 7.56 V."""
     found = describe(identify([Recording(t, u, y)]).model)
     top = float(u.max())
     stroke = 1.4 * top - 2 * (0.3 * 0.4 + 0.3 * 1.5)

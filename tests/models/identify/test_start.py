@@ -3,7 +3,7 @@
 Neither creep nor a lag changes the answer; an exercise before the recording does.
 
 The stage is the simulated one, of another class than the model; the drive is a sum of sines from
-rest. Told is the answer itself, so no bar is needed.
+rest. The answer itself is reported, so no threshold is needed.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ EFFECTS = {
 
 
 def exploring(seed: int, seconds: float = 20.0) -> Floats:
-    """An open-loop drive for the identification: sines over the range, from rest."""
+    """Return an open-loop drive for the identification: sines over the range, from rest."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds / T)) * T
     u = sum(np.sin(2 * np.pi * (f * t + rng.random())) for f in (0.31, 0.73, 1.9, 4.1, 9.7))
@@ -34,7 +34,7 @@ def exploring(seed: int, seconds: float = 20.0) -> Floats:
 
 
 def recorded(effect: str, exercised: bool, seed: int) -> Recording:
-    """20 s of the stage, de-energised before or moved over its range for 5 s."""
+    """Return 20 s of the stage, either de-energised before or moved over its range for 5 s."""
     quiet = StageSettings(seed=seed).quiet(
         hysteresis_width=0.12, asymmetry=0.15, sensor_noise_um=0.01, **EFFECTS[effect]
     )

@@ -1,4 +1,4 @@
-"""What the 95 % interval of a model is stated of, and whether it is too narrow or too wide."""
+"""What the 95 % interval of a model refers to, and whether it is too narrow or too wide."""
 
 from dataclasses import replace
 from functools import cache
@@ -73,8 +73,8 @@ def test_a_structure_that_could_not_be_taken_does_not_widen_it() -> None:
 
 @pytest.mark.parametrize(("count", "widened"), [(1, TUNING.another_waveform), (2, 1.0)])
 def test_misfit_counts_by_how_it_is_distributed(count: int, widened: float) -> None:
-    """A hum that the model misses, on for a tenth of the time: 95 % of it are within a value that
-    is 3 times its rms. One recording widens it for another waveform, two do not."""
+    """A hum that the model lacks, on for a tenth of the time: 95 % of its values are within 3 times
+    its rms. A single recording widens the interval to allow for another waveform, two do not."""
     hum = np.where(T % 0.4 < 0.04, np.sin(2 * np.pi * 23.7 * T), 0.0)
     given = [recorded(two_sines(2.0, 5.4), 0), recorded(two_sines(3.1, 4.6), 1)][:count]
     hummed = [replace(r, displacement=np.add(r.displacement, hum)) for r in given]
@@ -83,7 +83,7 @@ def test_misfit_counts_by_how_it_is_distributed(count: int, widened: float) -> N
 
 
 def test_errors_without_a_stretch_are_those_of_a_fit_without_it() -> None:
-    """Against least squares on the other rows, of equations that are linear."""
+    """Compared with least squares on the other rows, for equations that are linear."""
     rng = np.random.default_rng(0)
     rows, count = 30 * 40, TUNING.stretches
     d, truth = rng.uniform(0.0, 1.0, (rows, 3)), np.array([1.0, 0.5, 2.0])

@@ -1,4 +1,4 @@
-"""Very long recordings: bounded time and memory, and the model that all of it gives."""
+"""Very long recordings: time and memory are bounded, and the model fits the whole recording."""
 
 import numpy as np
 import pytest
@@ -69,7 +69,7 @@ def test_the_model_of_stretches_predicts_the_whole(monkeypatch: pytest.MonkeyPat
 
 
 def test_behind_a_long_gap_the_memory_is_unknown_though_the_start_was_at_rest() -> None:
-    """The drive turns unseen in the gap: rows behind it count when it has run through its range."""
+    """The drive turns unseen in the gap: rows after it count once it has run through its range."""
     whole = long_one(20_000, 1.0)
     assert whole.displacement is not None
     kept = np.r_[0:7000, 12_345:20_000]

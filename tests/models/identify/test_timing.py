@@ -1,9 +1,9 @@
-"""A stage without a lag, recorded on a busy machine and not from its de-energised state: no lag is
-taken for the times' sake, and the model still inverts the stage.
+"""A stage without a lag, recorded on a busy machine and not from its de-energised state: late time
+stamps are not identified as a lag, and the model still inverts the stage.
 
-The stage is the simulated one (of another class than the model), exercised before as `acquire`
-does it. From the quiet recording the inverse leaves five times the sensor's noise, with a lag that
-is none ten times and more; the bar is six.
+The stage is the simulated one (of another class than the model), exercised before as `acquire` does
+it. For the quiet recording the inverse leaves five times the sensor's noise, with a spurious lag
+ten times and more; the limit is six.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ LEAD_IN_S = 0.02
 
 
 def drive(seconds: float = 12.0) -> Floats:
-    """A 1 Hz sine whose amplitude shrinks and grows, from 0 V."""
+    """Return a 1 Hz sine whose amplitude shrinks and grows, from 0 V."""
     t = np.arange(0.0, seconds, T)
     size = np.interp(t / seconds, [0.0, 0.2, 0.6, 1.0], [1.0, 1.0, 0.15, 1.0])
     fade = np.minimum(1.0, np.minimum(t, t[-1] - t) / 0.25)
@@ -39,9 +39,9 @@ def exercised() -> SimulatedStage:
 
 
 def record(read_late: Floats, write_late: Floats, lost: np.ndarray) -> Recording:
-    """Rows at even times; a reading is taken, and a voltage acts, so many seconds late.
+    """Return rows at even times; readings are taken, and voltages act, late by these times [s].
 
-    lost: (N,) rows that the recorder was too late for.
+    lost: (N,) rows for which the recorder was too late.
     """
     volts, stage = drive(), exercised()
     t = np.arange(volts.size) * T
@@ -60,7 +60,7 @@ def record(read_late: Floats, write_late: Floats, lost: np.ndarray) -> Recording
 
 
 def track(model: Model) -> float:
-    """Rms that the inverse leaves on the stage, 1 Hz over most of the stroke, first cycles off."""
+    """Return the inverse's rms error at 1 Hz over most of the stroke, without the first cycles."""
     low, high = 2.0, 16.5  # um, of a stroke of 17.4
     t = np.arange(6 * 200) * T
     target = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(2 * np.pi * t)
@@ -97,7 +97,7 @@ def test_a_busy_recorder_gives_no_lag(kind: str) -> None:
 
 
 def test_readings_that_are_stale_by_chance_give_no_lag() -> None:
-    """By 0 to 10 ms: on average they come 5 ms late, and nobody can say whose lag that is."""
+    """Readings are 0 to 10 ms old: on average 5 ms, which could be any component's lag."""
     assert identify([busy("stale")]).model.blocks == ()
 
 

@@ -1,4 +1,4 @@
-"""A model is not judged by what a busy recorder did."""
+"""The validation of a model does not depend on the delays of a busy recorder."""
 
 from functools import cache
 
@@ -10,13 +10,14 @@ from dehyst.models.identify import Identification, identify
 from dehyst.models.identify.validation import Validation, validate
 from dehyst.models.recording import Recording
 
-FINE, EACH = 1e-4, 50  # the stage's own steps, and how many of them a sample takes
+FINE, EACH = 1e-4, 50  # the stage's own steps, and how many there are in a sample
 N = 1600
 
 
 def recorded(late: int, seed: int, jitter: int = 0) -> Recording:
-    """A loop that writes the drive at each sample and reads a gauge that lags by 3 ms. late: so
-    many samples come 1.5 to 4 periods behind the one before; jitter: of every stamp, fine steps."""
+    """Record a loop that writes the drive at each sample and reads a gauge that lags by 3 ms. late:
+    number of samples that come four periods after the previous one; jitter: of every time stamp
+    [fine steps]."""
     rng = np.random.default_rng(seed)
     steps = np.full(N, EACH)
     steps[rng.choice(np.arange(N // 2, N), late, replace=False)] *= 4
@@ -41,7 +42,7 @@ def found() -> Identification:
 
 
 def judged(late: int, jitter: int = 0) -> tuple[Validation, float]:
-    """And the rms over all rows."""
+    """Return the validation and the rms over all rows."""
     one = recorded(late, 2, jitter)
     result = validate(found().model, one)
     assert one.displacement is not None

@@ -1,4 +1,4 @@
-"""The compensator: preview, causal and static on the paper's own plant and on random ones."""
+"""The compensator in preview, causal and static mode, on the paper's plant and on random ones."""
 
 import tracemalloc
 from dataclasses import replace
@@ -60,16 +60,16 @@ def test_tracking_on_the_papers_rate_dependent_plant(
 @settings(max_examples=12, deadline=None)
 @given(seed=st.integers(100_000, 2**31))
 def test_limits_hold_and_preview_stays_near_static_on_random_models(seed: int) -> None:
-    """Range and slew always; the error is bounded within the window only, so that a rare model
-    may lose to the static inverse, but never by much."""
+    """Range and slew limits always hold; the error is bounded within the window only, so a rare
+    model may lose to the static inverse, but never by much."""
     found = outcome(seed)
     assert found.limits
     assert found.times("preview") <= 3.0
 
 
 def test_few_random_models_lose_to_the_static_inverse() -> None:
-    """Fresh ones each time: of 30 with a full window one at most is worse by more than the noise;
-    5000 are tried by `python -m tests.benchmarks.models.inverse`."""
+    """New models each time: of about 30 with a full window at most one is worse by more than the
+    noise; `python -m tests.benchmarks.models.inverse` tries 5000."""
     seeds = np.random.default_rng().integers(100_000, 2**31, 50)
     found = {int(seed): outcome(int(seed), ("static", "preview")) for seed in seeds}
     worse = [s for s, o in found.items() if o.starving == NEVER and o.excess("preview") > 1.0]
@@ -126,7 +126,7 @@ def test_a_stream_that_changes_its_mind_is_believed() -> None:
 
 
 def test_the_applied_drive_leads_the_model() -> None:
-    """A converter of 16 bits below the compensator: the state follows what it put out."""
+    """A converter of 16 bits follows the compensator: the state follows the converter's output."""
     model = shipped("paper-eq12")
     target = _sine(5, 6, 0.8)
     c = Compensator(model, DT, 0.0, 10.0, 1e4, "preview", 0.1)
@@ -156,14 +156,14 @@ def test_preview_runs_dry_and_returns_without_a_jump() -> None:
     for i in range(target.size):
         window = target[i : i + c.window_samples]
         n = window.size
-        if 600 <= i < 1000:  # the stream dries up over 100 samples, stops, and comes back
+        if 600 <= i < 1000:  # the stream runs dry over 100 samples, stops, and comes back
             n = max(0, 700 - i)
         c.step(state, window, min(n, window.size), np.zeros(0))
         drive[i] = state.drive
         modes.append(comp.MODES[state.mode])
         c.applied(state, drive[i])
     assert modes[500] == modes[650] == "preview"
-    assert modes[698] == "preview"  # the plan is good to its end
+    assert modes[698] == "preview"  # the plan is valid to its end
     assert modes[800] == "hold"
     # The hold fades to where the stage rests at the last target.
     assert np.all(drive[820:1000] == drive[820])
@@ -221,7 +221,7 @@ def test_known_displacement_sets_the_memory() -> None:
 
 
 def _all_rates() -> tuple[Model, ...]:
-    """The paper's rate-dependent model, bare and with a delay, creep and a lag of the sensor."""
+    """Return the paper's rate-dependent model: bare, and with a delay, creep and a sensor lag."""
     paper = shipped("paper-eq12")
     blocks = (
         Block("delay", "drive", {"delay_s": 2e-3}),
@@ -234,8 +234,8 @@ def _all_rates() -> tuple[Model, ...]:
 @pytest.mark.parametrize("model", _all_rates(), ids=("bare", "blocks"))
 @pytest.mark.parametrize("mode", ["static", "causal", "preview"])
 def test_the_loop_allocates_nothing(model: Model, mode: str) -> None:
-    """numba's own count of what compiled code has allocated stands still over many samples, in
-    plans, holds and hand-overs."""
+    """numba's own count of allocations in compiled code stays constant over many samples, in plans,
+    holds and hand-overs."""
     _nrt_python.memsys_enable_stats()
     target = _sine(5, 6, 1.0)
     target[400:500] += 2.0
@@ -247,11 +247,11 @@ def test_the_loop_allocates_nothing(model: Model, mode: str) -> None:
         driven(c, target[:n], DROUGHT, 0.0)
         after = rtsys.get_allocation_stats()
         counts.append((after.alloc - before.alloc, after.mi_alloc - before.mi_alloc))
-    assert counts[0] == counts[1]  # what is allocated is for the call, not for its samples
+    assert counts[0] == counts[1]  # allocations are per call, not per sample
 
 
 def test_the_loop_holds_no_memory() -> None:
-    """A thousand steps leave nothing behind: all state is in arrays made once."""
+    """A thousand steps leave nothing allocated: all state is in arrays made once."""
     c = Compensator(shipped("paper-eq12"), DT, 0.0, 10.0, 1e4, "preview", 0.1)
     state = c.init(0.0)
     target = _sine(5, 6, 2.3)

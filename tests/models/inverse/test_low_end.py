@@ -33,7 +33,7 @@ def test_a_target_above_the_highest_drive_is_flagged_and_the_drive_stays_at_it(m
 
 @pytest.mark.parametrize("beyond", [-1.0, 1.0])
 def test_a_target_beyond_either_end_of_the_saturation_is_flagged(beyond: float) -> None:
-    """y = z - z^3 / 300 turns at z = -10 and 10, where it is -6.67 and 6.67."""
+    """y = z - z^3 / 300 has its extrema at z = -10 and 10, where it is -6.67 and 6.67."""
     bent = Model(
         Hysteresis(r=[0.0], b=[1.0], c=[0.0, 1.0, 0.0, -1.0 / 300.0]), Validity(-12.0, 12.0)
     )
@@ -56,7 +56,7 @@ def test_the_static_inverse_flags_both_ends_of_the_drive(target: float, low: flo
 
 @pytest.mark.parametrize("start", [0.0, 10.0])
 def test_a_drive_outside_of_what_was_identified_is_flagged_at_both_ends(start: float) -> None:
-    """The amplifier reaches from 0 to 10 V, the recordings from 2 to 8 V; 1 V a sample inwards."""
+    """The amplifier spans 0 to 10 V, the recordings 2 to 8 V; it moves in by 1 V a sample."""
     model = Model(Hysteresis(r=[0.0], b=[1.0], c=[0.0, 1.0]), Validity(2.0, 8.0))
     c = Compensator(model, DT, 0.0, 10.0, 1e3, "static", 0.05)
     result = invert_streamed(c, np.full(20, 5.0), start=start)

@@ -1,4 +1,4 @@
-"""A mode is undone exactly where it leaves stroke beside it, and led by derivatives elsewhere."""
+"""A mode is inverted exactly if it carries a part of the stroke, otherwise led by derivatives."""
 
 import numpy as np
 import pytest
@@ -14,13 +14,13 @@ DT = 5e-3
 
 
 def plain(hertz: float, damping: float, share: float) -> Model:
-    """0.1 um/V, and a mode."""
+    """Return 0.1 um/V with a mode."""
     block = Block("resonance", "stage", {"frequency_hz": hertz, "damping": damping, "share": share})
     return Model(Hysteresis([0.0], [0.1], [0.0, 1.0]), Validity(0.0, 150.0), blocks=(block,))
 
 
 def run(model: Model, target: np.ndarray, limit: float = 1e9) -> np.ndarray:
-    """Drives (N,) for targets, the voltage before them at rest."""
+    """Return drives (N,) for targets; the voltage before them is at rest."""
     c = Compensator(model, DT, 0.0, 150.0, limit)
     state: CompensatorState = c.init(10.0 * float(target[0]))
     drives = []
@@ -33,20 +33,20 @@ def run(model: Model, target: np.ndarray, limit: float = 1e9) -> np.ndarray:
 
 
 def moved(drives: np.ndarray, hertz: float, damping: float, share: float) -> np.ndarray:
-    """The stage by scipy's first-order hold, from rest at the first drive."""
+    """Return the stage's motion by scipy's first-order hold, from rest at the first drive."""
     w = 2 * np.pi * hertz
     a, b = [[0.0, 1.0], [-w * w, -2 * damping * w]], [[0.0], [w * w]]
     mode = StateSpace(a, b, [[share, 0.0]], [[1.0 - share]])
     ad, bd, cd, dd, _ = cont2discrete((mode.A, mode.B, mode.C, mode.D), DT, "foh")
     x, out = np.zeros(2), []
-    for value in 0.1 * (drives - drives[0]):  # scipy's state holds a part of the input already
+    for value in 0.1 * (drives - drives[0]):  # scipy's state already holds a part of the input
         out.append(float((cd @ x + dd[:, 0] * value)[0]))
         x = ad @ x + bd[:, 0] * value
     return 0.1 * drives[0] + np.array(out)
 
 
 def smooth(seconds: float = 4.0) -> np.ndarray:
-    """Sines of 2 and 8 Hz about 7 um that begin at rest."""
+    """Return sines of 2 and 8 Hz about 7 um that begin at rest."""
     t = np.arange(round(seconds / DT)) * DT
     begin = np.clip(t / 0.5, 0.0, 1.0) ** 2 * (3 - 2 * np.clip(t / 0.5, 0.0, 1.0))
     return 7.0 + begin * (2.0 * np.sin(2 * np.pi * 2 * t) + 0.7 * np.sin(2 * np.pi * 8 * t))
@@ -64,8 +64,8 @@ def test_a_mode_beside_other_stroke_is_undone_exactly(hertz: float, damping: flo
 
 @pytest.mark.parametrize("limit", [400.0, 4000.0])
 def test_a_step_that_the_slew_rate_takes_from_ends_at_rest(limit: float) -> None:
-    """3 um in a sample ask for 100 V, the limit gives 2 or 20: what the limit took swings as the
-    mode does, and is gone with it after 2 s (exp(-2 pi 12 0.14 2) = 7e-10); so is the drive's."""
+    """3 um in a sample ask for 100 V, the limit allows 2 or 20: the missing part rings like the
+    mode, and has decayed after 2 s (exp(-2 pi 12 0.14 2) = 7e-10); so has the drive's."""
     target = np.r_[np.full(100, 5.0), np.full(700, 8.0)]
     drives = run(plain(12.0, 0.14, 0.8), target, limit)
     assert np.abs(np.diff(drives)).max() <= limit * DT * (1 + 1e-9)
@@ -74,7 +74,7 @@ def test_a_step_that_the_slew_rate_takes_from_ends_at_rest(limit: float) -> None
 
 
 def test_a_mode_that_carries_all_of_it_is_led() -> None:
-    """Its sampled form has a zero outside the unit circle: undone exactly, the drive would grow."""
+    """Its sampled form has a zero outside the unit circle: the exact inverse's drive would grow."""
     target = smooth()
     drives = run(plain(12.0, 0.14, 1.0), target)
     assert 0.0 < drives.min() < drives.max() < 150.0

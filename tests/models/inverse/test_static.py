@@ -1,4 +1,4 @@
-"""The exact inverse: round trip on random monotone models, refusal of the others."""
+"""The exact inverse: round trip on random monotone models, and refusal of the others."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ from dehyst.models.modelfile import shipped
 
 
 def _random_model(rng: np.random.Generator) -> Model:
-    """Monotone, of either direction, with thresholds that may coincide or start above 0."""
+    """Return a monotone model of either direction; thresholds may coincide or start above 0."""
     n = int(rng.integers(1, 15))
     r = np.sort(rng.uniform(0, 6, n))
     if rng.random() < 0.7:
@@ -94,7 +94,7 @@ def test_unreachable_targets_are_flagged_and_the_nearest_is_given() -> None:
 def test_beyond_the_range_is_flagged_where_a_play_would_join_in_outside_of_it(
     way: list[float], end: float
 ) -> None:
-    """Displacements of drives inside the range, and then one that none reaches."""
+    """Displacements that drives inside the range reach, and then one that none reaches."""
     model = Model(Hysteresis(r=[0.0, 2.0], b=[1.0, 1.0], c=[0.0, 1.0]), Validity(0.0, 10.0))
     reached = simulate_hysteresis(model.hysteresis, np.array(way[:-1]), 1.0)
     u, flags = static_inverse(model).run(np.append(reached, way[-1]))
@@ -104,7 +104,7 @@ def test_beyond_the_range_is_flagged_where_a_play_would_join_in_outside_of_it(
 
 
 def test_a_saturation_that_turns_over_is_inverted_up_to_its_extremum() -> None:
-    # y = z - 0.05 z^2 turns at z = 10; the drive reaches z = 12.
+    # y = z - 0.05 z^2 has its extremum at z = 10; the drive reaches z = 12.
     model = Model(Hysteresis(r=[0.0, 1.0], b=[1.0, 0.0], c=[0.0, 1.0, -0.05]), Validity(0.0, 12.0))
     inverse = static_inverse(model)
     u, flags = inverse.run(np.array([2.0, 4.999, 5.5]))
@@ -119,7 +119,7 @@ def test_refusal_says_at_which_reversal_and_by_how_much() -> None:
     found = find_wrong_way(shipped("paper-eq11").hysteresis, 0.0, 10.0)
     assert found is not None
     assert found.operator == 1
-    # Independent: drive up, turn, and see how far the output runs on.
+    # Independent reference: drive up, turn, and see how far the output continues.
     h = shipped("paper-eq11").hysteresis
     u = np.concatenate([np.linspace(0, 9, 200), np.linspace(9, 8.8, 20001)])
     y = simulate_hysteresis(h, u, 1.0)[200:]

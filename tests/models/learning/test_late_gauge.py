@@ -1,5 +1,5 @@
-"""A gauge's filter that shows a ringing stage late, against the responses of scipy's linear systems
-at the very times of the steps and readings."""
+"""A gauge whose filter shows a ringing stage late, compared with the responses of scipy's linear
+systems at the exact times of the steps and readings."""
 
 from collections.abc import Iterator
 
@@ -23,7 +23,7 @@ Told = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 def passes(jitter_s: float, noise: float, count: int = PASSES, seed: int = 1) -> Iterator[Told]:
-    """Of each pass: reading and displacement [um] less the steady sine, steps, times since."""
+    """Yield per pass: reading and displacement [um] less the steady sine, steps, times since."""
     rng = np.random.default_rng(seed)
     total = (count + 1) * N
     k = np.arange(total)
@@ -46,7 +46,7 @@ def test_what_a_late_gauge_hides_is_distinguished_from_readings_that_are_not_qui
     late, begun = LateGauge(TAU), 0
     for read, _, steps, since in passes(0.3e-3, NOISE):
         since = since[:, : late.back].copy()
-        since[::20] += 3e-3  # as a loop that was held up by others tells of it
+        since[::20] += 3e-3  # as reported by a loop that was held up
         reported = late.take(read, steps[:, : late.back], since)
         begun += late.anew
     assert hidden.std() > NOISE

@@ -1,4 +1,4 @@
-"""Learning from pass to pass on plants that are written down here."""
+"""Learning from pass to pass, on plants that are written down here."""
 
 import math
 import re
@@ -22,7 +22,7 @@ REPEATS = 0.05 * np.sin(2 * np.pi * 3 * T + 0.3) + 0.02 * np.cos(2 * np.pi * 17 
 
 
 class Plant:
-    """e = d + P u + noise, P a filter of the whole periodic pass."""
+    """e = d + P u + noise, with P a filter of the whole periodic pass."""
 
     def __init__(self, gain: float | np.ndarray = 1.0, seed: int = 1) -> None:
         self.gain, self.rng = gain, np.random.default_rng(seed)
@@ -56,7 +56,7 @@ def test_what_repeats_is_gone_after_a_few_passes_and_the_noise_does_not_come_in(
 
 
 def test_only_what_repeats_is_learned() -> None:
-    """Of 501 lines two repeat: hardly any other is in the filter."""
+    """Two of 501 lines repeat: hardly any other is in the filter."""
     plant = Plant()
     plant.go(20)
     learned = np.flatnonzero(plant.learner.weights > 0.1)
@@ -86,7 +86,7 @@ def test_with_trim_the_mean_is_left_to_it() -> None:
 
 
 def test_an_open_pass_is_learned_without_edges() -> None:
-    """A ramp ends elsewhere than it began: mirrored, not periodic."""
+    """A ramp ends elsewhere than it began: it is mirrored, not taken as periodic."""
     target = 2.0 + 3.0 * T
     learner, rng = Learner(target, PERIOD_S, NOISE, BOUND), np.random.default_rng(2)
     repeats = 0.1 * T**2 + 0.03 * np.sin(2 * np.pi * 2.3 * T)
@@ -151,7 +151,7 @@ def test_single_missing_samples_are_bridged() -> None:
 
 
 def test_a_stage_that_has_changed_is_learned_anew() -> None:
-    """Twice the same is no knock."""
+    """The same error twice is not a knock."""
     plant = Plant()
     plant.go(10)
     other = REPEATS + np.where((T > 0.5) & (T < 0.55), 0.5, 0.0)
@@ -162,7 +162,7 @@ def test_a_stage_that_has_changed_is_learned_anew() -> None:
 
 
 def test_where_the_error_has_grown_it_goes_back_to_the_best_correction() -> None:
-    """What repeats has become three times as large, so what is left of it grows to 76 nm rms."""
+    """The repeating part has become three times as large, so its remainder grows to 76 nm rms."""
     plant = Plant()
     plant.go(10)
     plant.go(4, 3.0 * REPEATS)
@@ -173,7 +173,7 @@ def test_where_the_error_has_grown_it_goes_back_to_the_best_correction() -> None
 
 @pytest.mark.parametrize("settles", [0.0, 0.3])
 def test_a_first_pass_that_comes_from_elsewhere_is_not_learned_from(settles: float) -> None:
-    """Nor is a second one whose end is not its beginning."""
+    """A second pass whose end differs from its beginning is not learned from either."""
     plant = Plant()
     plant.go(1, REPEATS + settles * np.exp(-T / 0.1))
     assert not plant.outcomes[0].learned

@@ -1,4 +1,4 @@
-"""The slow trim against closed forms, and its bounds whatever the gauge says."""
+"""The slow trim, compared with closed forms, and its bounds for any gauge reading."""
 
 import math
 
@@ -16,7 +16,7 @@ REACH, NOISE = 17.0, 0.02
 
 
 class Loop:
-    """A stage whose inverse is exact: it stands `off` from where the model says."""
+    """A stage whose inverse is exact, displaced by `off` from the model's prediction."""
 
     def __init__(self, **given: float) -> None:
         self.setting = trim.setting_of(PERIOD_S, REACH, NOISE, True, **given)
@@ -44,7 +44,7 @@ class Loop:
 
 
 def test_a_constant_difference_is_made_up_for_with_the_time_constant() -> None:
-    """w_n = -d (1 - (1 + h / T)^-n), which is -d (1 - exp(-t / T)) but for h / T."""
+    """w_n = -d (1 - (1 + h / T)^-n), which is -d (1 - exp(-t / T)) up to order h / T."""
     loop = Loop(time_constant_s=0.5, limit=1.0, rate=100.0)
     loop.go(2.0, 0.3)
     n = 1 + np.arange(2000)
@@ -68,7 +68,7 @@ def test_no_frequency_is_amplified() -> None:
 
 
 def test_no_windup_beyond_the_limit() -> None:
-    """What is beyond the limit is not stored: the way back begins at once."""
+    """What exceeds the limit is not stored: the trim reverses at once."""
     loop = Loop(limit=0.2, rate=10.0)
     loop.go(10.0, 0.35)
     assert loop.trim == pytest.approx(-0.2, abs=1e-6)
@@ -160,7 +160,7 @@ def test_a_jump_is_followed_once_the_zero_was_moved() -> None:
 
 
 def test_a_gauge_that_drifts_and_jumps_back_is_trimmed_again() -> None:
-    """3 um in 30 s: the trim follows to its limit; back at the truth it is judged anew."""
+    """3 um in 30 s: the trim follows to its limit; back at the truth the gauge is judged again."""
     loop = Loop()
     loop.go(5.0, 0.2)
     for i in range(300):
@@ -177,7 +177,7 @@ def test_a_gauge_that_drifts_and_jumps_back_is_trimmed_again() -> None:
 
 @pytest.mark.parametrize("off", [0.2, 1.2])
 def test_what_the_difference_usually_is_is_plausible(off: float) -> None:
-    """A stage that stands 1.2 um off by itself is no less healthy than one that is right."""
+    """A stage that is always 1.2 um off is as healthy as one that is right."""
     loop = Loop()
     loop.go(60.0, off)
     for i in range(200):
@@ -188,7 +188,7 @@ def test_what_the_difference_usually_is_is_plausible(off: float) -> None:
 
 @pytest.mark.parametrize(("first", "off"), [(0.0, 0.34), (0.0, 0.6), (0.0, 1.5), (-0.8, 0.024)])
 def test_a_state_of_the_model_that_is_in_doubt_is_judged_anew(first: float, off: float) -> None:
-    """A new loop's state lacks what was long before: it shows after the first readings."""
+    """The state of a new loop lacks the distant past, which shows after the first readings."""
     loop = Loop()
     loop.go(0.5, first)
     loop.go(12.0, off)
@@ -202,12 +202,13 @@ def test_a_state_of_the_model_that_is_in_doubt_is_judged_anew(first: float, off:
 )
 @settings(max_examples=30)
 def test_a_gauge_that_stays_wrong_moves_nothing(wrong: float, up: bool, how: str) -> None:
-    """It jumps by more than a jump, and does not come back: at rest, in motion, to and fro."""
+    """The gauge jumps too far and does not return: at rest, in motion, back and forth."""
     loop = Loop()
     loop.go(5.0, 0.0)
     before, sign = loop.trim, 1.0 if up else -1.0
     for k in range(60):
-        # to and fro faster than what is settled, and not by steps that would be back
+        # back and forth faster than what counts as settled, and not by steps that would bring it
+        # back
         here = wrong + (0.6 * (k % 2) if how == "jumps" else 0.0)
         target = 5.0 + (2.0 * math.sin(0.3 * k) if how == "moves" else 0.0)
         loop.go(0.5, sign * here, target=target)
@@ -251,7 +252,7 @@ def test_a_misfit_that_moves_with_the_stage_is_no_jump() -> None:
 
 
 def test_another_models_first_readings_are_no_jump_and_later_ones_are() -> None:
-    """What it has not seen of the drive leaves it 0.8 um off for 50 ms; a jump is 0.43."""
+    """The new model has not seen the earlier drive: 0.8 um wrong for 50 ms; a jump is 0.43."""
     loop = Loop()
     loop.go(3.0, 0.2)
     trim.forget_trim(loop.state[0])
@@ -324,7 +325,7 @@ def test_bounds_hold_whatever_the_gauge_says(todo: list, limit: float, rate: flo
 
 
 def test_a_late_gauge_is_stable_down_to_the_least_time_constant() -> None:
-    """A delay L that the model does not have: exp(-s L) / (s T), stable for L / T < pi / 2."""
+    """The model lacks a delay L: exp(-s L) / (s T) is stable for L / T < pi / 2."""
     late_s = 0.05
     for time_constant_s, stable in ((trim.least_time_constant_s(late_s), True), (0.025, False)):
         setting = trim.setting_of(PERIOD_S, REACH, NOISE, True, time_constant_s, rate=100.0)

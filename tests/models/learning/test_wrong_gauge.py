@@ -1,4 +1,4 @@
-"""A gauge that is not what the model takes it for: learning does not make the stage worse."""
+"""A gauge that differs from what the model assumes: learning does not make the stage worse."""
 
 import numpy as np
 import pytest
@@ -17,8 +17,8 @@ REPEATS = 0.05 * np.sin(2 * np.pi * 3 * T + 0.3) + 0.02 * np.cos(2 * np.pi * 17 
 
 
 def play(factor: float, delay: int) -> tuple[list[float], list[Outcome]]:
-    """RMS of the true error about its mean in each pass, and what was learned. The gauge gives
-    factor times the place of `delay` samples before."""
+    """Return the rms of the true error about its mean in each pass, and the outcomes. The gauge
+    shows factor times the position of `delay` samples before."""
     learner, rng = Learner(TARGET, PERIOD_S, NOISE, BOUND), np.random.default_rng(1)
     true, outcomes = [], []
     for _ in range(PASSES + 1):
@@ -60,8 +60,8 @@ def test_a_gauge_that_is_right_is_still_learned_from() -> None:
 
 
 class Foreign:
-    """A stage of which the model knows neither hysteresis nor resonance: 60 slipping elements and
-    a mode of 120 Hz, driven by a straight line through the ends of its stroke."""
+    """A stage whose hysteresis and resonance the model lacks: 60 Maxwell-slip elements and a mode
+    of 120 Hz, driven by a straight line through the ends of its stroke."""
 
     def __init__(self, target: np.ndarray) -> None:
         self.target, self.stage = target, maxwell_slip(np.random.default_rng(5))
@@ -70,7 +70,7 @@ class Foreign:
         self.shift = float((self.place(np.zeros(N)) - target).mean())
 
     def place(self, correction: np.ndarray) -> np.ndarray:
-        """(n,) of the second of two passes that follow each other."""
+        """Return the position (n,) in the second of two consecutive passes."""
         asked = self.target + correction - self.shift
         drive = np.clip(np.tile(asked / STROKE * VOLTS, 2), 0.0, VOLTS)
         w = 2.0 * np.pi * 120.0
@@ -81,7 +81,7 @@ class Foreign:
 
 
 def learn_on(target: np.ndarray, gain: float, delay: int) -> tuple[list[float], list[Outcome]]:
-    """As `play`, on the foreign stage; the gauge's scale is wrong about 8 um."""
+    """Do as `play`, on the foreign stage; the gauge's scale is wrong about 8 um."""
     stage, learner = Foreign(target), Learner(target, PERIOD_S, NOISE, BOUND)
     rng, true, outcomes = np.random.default_rng(1), [], []
     for _ in range(PASSES + 1):

@@ -1,4 +1,4 @@
-"""The mismatch watch on a stage whose physics the model does not have."""
+"""The mismatch monitor on a stage whose physics the model lacks."""
 
 import copy
 
@@ -16,14 +16,14 @@ RATE, LEARNED_S, BAR_S, NOISE_UM = 200.0, 500, 10, 0.02
 
 
 def stirring(seconds: float) -> np.ndarray:
-    """A drive that keeps the stage moving: three sines, from 0 V."""
+    """Return a drive that keeps the stage moving: three sines, from 0 V."""
     t = np.arange(round(seconds * RATE)) / RATE
     waves = [a * np.sin(2 * np.pi * f * t) for a, f in ((22.0, 0.31), (13.0, 0.83), (6.0, 1.9))]
     return np.asarray((70.0 + np.sum(waves, axis=0)) * np.minimum(1.0, t / 2.0))
 
 
 class Run:
-    """Volts, predicted and measured of a stage that is driven as `stirring` says."""
+    """Volts, prediction and measurement of a stage that is driven by `stirring`."""
 
     def __init__(self, seconds: float) -> None:
         t = np.arange(round(20 * RATE)) / RATE
@@ -48,8 +48,8 @@ class Run:
     def feed(
         self, watch: MismatchMonitor, first_s: float, end_s: float, extra: np.ndarray | None = None
     ) -> int:
-        """Feed these seconds, with something added to the reading; seconds until the flag, -1:
-        none."""
+        """Feed these seconds, with something added to the reading; return the seconds until the
+        flag, or -1 if there is none."""
         for second in range(round(first_s), round(end_s)):
             part = slice(round(second * RATE), round((second + 1) * RATE))
             reading = self.measured[part]
@@ -76,7 +76,7 @@ def learned(run: Run) -> MismatchMonitor:
 
 
 def twice_the_noise(kind: str, moved: np.ndarray) -> np.ndarray:
-    """What a change adds to the reading, scaled to an rms of twice the noise over BAR_S."""
+    """Return what a change adds to the reading, scaled to an rms of twice the noise over BAR_S."""
     t = np.arange(moved.size) / RATE
     if kind == "gain":
         added = moved
@@ -87,7 +87,7 @@ def twice_the_noise(kind: str, moved: np.ndarray) -> np.ndarray:
             for i, x in enumerate(moved.tolist()):
                 state += -np.expm1(-1 / (RATE * tau_s)) * (x - state)
                 added[i] += state
-    elif kind == "resonance":  # a mode at 20 Hz that the drive's own steps excite
+    elif kind == "resonance":  # a mode at 20 Hz that the steps of the drive excite
         w, z, x, v = 2 * np.pi * 20.0, 0.03, 0.0, 0.0
         added = np.zeros(moved.size)
         for i, target in enumerate(moved.tolist()):
@@ -136,19 +136,19 @@ def test_it_says_that_it_still_learns_until_it_has_seen_enough_motion(
     watch = MismatchMonitor(run.model, 1 / RATE)
     assert run.feed(watch, 0, 40) == -1
     assert watch.health == pytest.approx(-(1 - 40 / 400), abs=0.01)
-    assert type(watch.health) is float  # it goes into a message
+    assert type(watch.health) is float  # it is sent in a message
     at_rest = MismatchMonitor(run.model, 1 / RATE)
     still, good = np.zeros(round(60 * RATE)), np.ones(round(60 * RATE), np.bool_)
     noise = NOISE_UM * np.random.default_rng(0).standard_normal(still.size)
     at_rest.update(still, still, noise, good)
-    assert at_rest.health < -0.96  # rest teaches nothing
+    assert at_rest.health < -0.96  # rest does not count as learning
     assert learned.learning == 0.0
     assert 0.0 < learned.health < 1.0
 
 
 def test_a_stage_that_was_moved_before_is_no_other_stage(run: Run) -> None:
-    """It stands a tenth of its stroke above where it would stand de-energised, until the drive
-    has been through its range; the model does not know."""
+    """The stage is a tenth of its stroke above its de-energised position until the drive has been
+    through its range; the model does not know this."""
     stage = SimulatedStage()
     for volts in (0.0, 150.0, 0.0):
         stage.settle(volts, rest_s=1.0)
@@ -164,7 +164,7 @@ def test_it_still_learns_where_the_first_second_is_far_out(run: Run) -> None:
     far = np.full(round(RATE), 5.0) * np.arange(round(RATE))
     run.feed(watch, 0, 1, far)
     assert watch.figures["fit"] > watch.thresholds["fit"]
-    assert not watch.mismatch  # one second is too short to tell
+    assert not watch.mismatch  # one second is too short to decide
     assert watch.health < 0.0
 
 

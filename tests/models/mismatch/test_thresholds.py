@@ -1,5 +1,5 @@
-"""The monitor's thresholds with figures that are written down, against scipy's Gumbel distribution;
-the stage is its model and white noise, at 20 samples a second."""
+"""The monitor's thresholds with explicit figures, compared with scipy's Gumbel distribution; the
+stage is its model plus white noise, at 20 samples a second."""
 
 import copy
 
@@ -61,8 +61,9 @@ def learned() -> Watched:
 def test_thresholds_are_what_a_gumbel_distribution_exceeds_once_in_2000_blocks(
     learned: Watched,
 ) -> None:
-    """Blocks of 20 s of motion, from the 101st second of it on, the newest 12 s left out; the first
-    third was seen while the baseline was found. No less than 1.3 times the largest."""
+    """Blocks of 20 s of motion count from its 101st second on, without the newest 12 s; the first
+    third was seen while the baseline was found. A threshold is at least 1.3 times the largest
+    figure."""
     run = learned.run  # type: ignore[attr-defined]
     figures, thresholds, _ = run[-1]
     lifted = 0
@@ -88,7 +89,7 @@ def test_where_figures_scatter_widely_a_threshold_is_exceeded_once_in_2000_block
     learned: Watched, name: str
 ) -> None:
     """180 blocks count, whose largest figures are 4, 8 and 12 in turn: a scatter that neither the
-    least nor 1.3 times the largest covers."""
+    least threshold nor 1.3 times the largest figure covers."""
     level = copy.deepcopy(learned.monitor)._levels[name]
     for i in range(12 + 20 * 300):
         level.see((4.0, 8.0, 12.0)[i // 20 % 3] if i % 20 == 10 else 1.0)
@@ -100,7 +101,7 @@ def test_where_figures_scatter_widely_a_threshold_is_exceeded_once_in_2000_block
 
 @pytest.mark.parametrize("name", LEAST)
 def test_no_threshold_falls_below_its_least(learned: Watched, name: str) -> None:
-    """What is of interest at all: figures of a stage that is in order all the time are smaller."""
+    """The least threshold is the smallest figure of interest; a good stage stays below it."""
     level = copy.deepcopy(learned.monitor)._levels[name]
     for _ in range(12 + 20 * 300):
         level.see(1e-3)
@@ -118,7 +119,7 @@ def test_no_threshold_lies_below_1_3_times_the_largest_figure_in_order(
 
 
 def test_the_flag_comes_with_health_above_1_and_goes_below_0_9(learned: Watched) -> None:
-    """A shaking of 2.1 Hz that grows by 0.3 noises a second, and then is gone."""
+    """A vibration of 2.1 Hz grows by 0.3 noises a second, and then ends."""
     watched = copy.deepcopy(learned)
     t = np.arange(120 * RATE) / RATE
     grown = NOISE_UM * 0.3 * np.sin(2 * np.pi * 2.1 * t) * t
@@ -146,7 +147,7 @@ def test_the_flag_comes_with_health_above_1_and_goes_below_0_9(learned: Watched)
 def test_while_it_learns_only_a_fit_forty_times_worse_is_a_mismatch(
     rms_noises: float, flagged: bool
 ) -> None:
-    """The model's own misfit counts as two noises at least: 2 * sqrt(40) = 12.6 noises rms."""
+    """The model's own misfit counts as at least two noises: 2 * sqrt(40) = 12.6 noises rms."""
     watched = Watched()
     t = np.arange(60 * RATE) / RATE
     extra = NOISE_UM * np.sqrt(2) * rms_noises * np.sin(2 * np.pi * 0.5 * t)
@@ -157,7 +158,7 @@ def test_while_it_learns_only_a_fit_forty_times_worse_is_a_mismatch(
 
 
 def test_no_threshold_learns_from_what_is_flagged(learned: Watched) -> None:
-    """A shaking that stays for three minutes, nine blocks' time: it does not become the rule."""
+    """A vibration of three minutes, nine blocks: it does not become the baseline."""
     watched = copy.deepcopy(learned)
     t = np.arange(180 * RATE) / RATE
     run = watched.feed(180, 20 * NOISE_UM * np.sin(2 * np.pi * 2.1 * t))
@@ -179,7 +180,7 @@ def test_it_has_learned_after_400_s_of_motion_and_rest_does_not_count() -> None:
     watched = Watched()
     watched.feed(200)
     assert watched.monitor.learning == pytest.approx(0.5, abs=0.01)
-    watched.feed(10, swing=0.0)  # for ten seconds it has just moved
+    watched.feed(10, swing=0.0)  # for ten seconds it counts as just moved
     before = watched.monitor.learning
     watched.feed(100, swing=0.0)
     assert watched.monitor.learning == pytest.approx(before, abs=0.01)

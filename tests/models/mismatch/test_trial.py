@@ -1,4 +1,4 @@
-"""A model on trial: when it stays, when it has to go; and what counts as a gauge that fails."""
+"""A model on trial: when it stays, when it is withdrawn; and what counts as a failing gauge."""
 
 import math
 
@@ -56,7 +56,7 @@ def batch(
 
 
 def test_a_meter_gives_the_figures_of_the_newest_seconds_by_a_closed_form() -> None:
-    """0.3 and -0.3 in turn about a mean of 0.5: rms about the mean 0.3, about zero 0.583."""
+    """0.3 and -0.3 in turn about a mean of 0.5: the rms about the mean is 0.3, about zero 0.583."""
     meter = ErrorMeter(2.0, 0.01)
     for _ in range(10):
         meter.add(batch(np.full(100, 9.0)))
@@ -100,27 +100,27 @@ NAN = math.nan
     ("before", "after", "outcome"),
     [
         (Errors(0.3, 0.3, 10), Errors(0.03, 0.04, 10), "stays"),
-        (Errors(0.3, 0.3, 10), Errors(0.15, 0.2, 10), "stays"),  # half of what was promised
+        (Errors(0.3, 0.3, 10), Errors(0.15, 0.2, 10), "stays"),  # half of the promised improvement
         (Errors(0.3, 0.3, 10), Errors(0.2, 0.2, 10), "goes"),  # less than half
         (Errors(0.3, 0.3, 10), Errors(0.4, 0.2, 10), "goes"),
         (Errors(0.3, 0.3, 10), Errors(0.03, 0.5, 10), "goes"),  # the stage follows worse
-        (Errors(0.3, 0.3, 10), Errors(0.03, 0.28, 10), "goes"),  # and no better is no help
-        (Errors(0.3, 0.1, 10), Errors(0.03, 0.1, 10), "stays"),  # the trim has made up for it
+        (Errors(0.3, 0.3, 10), Errors(0.03, 0.28, 10), "goes"),  # no improvement
+        (Errors(0.3, 0.1, 10), Errors(0.03, 0.1, 10), "stays"),  # the trim had corrected it
         (Errors(0.3, 0.1, 10), Errors(0.03, 0.2, 10), "goes"),  # and now follows worse
         (Errors(NAN, NAN, 0), Errors(0.03, 0.5, 10), "stays"),  # nothing moved before
         (Errors(NAN, NAN, 0), Errors(0.29, 0.5, 10), "goes"),
         (Errors(0.3, 0.3, 10), Errors(NAN, 0.1, 10), "open"),
-        # on the same samples: what the model before leaves of them decides
+        # on the same samples, the previous model's residual on them decides
         (Errors(0.3, 0.3, 10), Errors(0.2, 0.2, 10, other=0.9), "stays"),
         (Errors(0.3, 0.3, 10), Errors(0.05, 0.05, 10, other=0.06), "goes"),
         (Errors(0.3, 0.3, 10), Errors(0.02, 0.02, 10, other=0.025), "open"),
         (Errors(0.3, 0.3, 10), Errors(0.05, 0.02, 10, other=0.025), "goes"),
-        # another kind of motion says nothing of tracking; without preview it need not fall
+        # other motion says nothing about tracking; without preview the error need not fall
         (Errors(0.3, 0.3, 10, steps=0.01), Errors(0.03, 0.9, 10, steps=0.1), "stays"),
         (Errors(0.3, 0.3, 10, steps=0.06), Errors(0.03, 0.9, 10, steps=0.1), "goes"),
         (Errors(0.3, 0.3, 10), Errors(0.03, 0.28, 10, without=1.0), "stays"),
         (Errors(0.3, 0.3, 10), Errors(0.03, 0.5, 10, without=1.0), "goes"),
-        (Errors(0.3, 0.9, 10), Errors(0.03, 0.85, 10), "stays"),  # most of it is of the steps
+        (Errors(0.3, 0.9, 10), Errors(0.03, 0.85, 10), "stays"),  # mostly steps
     ],
 )
 def test_it_stays_where_its_error_fell_by_half_of_the_promise(
@@ -132,8 +132,8 @@ def test_it_stays_where_its_error_fell_by_half_of_the_promise(
 @pytest.mark.parametrize(
     ("after", "outcome"),
     [
-        (Errors(NAN, NAN, 0), "stays"),  # nothing was seen against it
-        (Errors(0.4, 0.4, 0.5, other=0.3), "stays"),  # nor in so short a time
+        (Errors(NAN, NAN, 0), "stays"),  # no evidence against it
+        (Errors(0.4, 0.4, 0.5, other=0.3), "stays"),  # too short a time
         (Errors(0.4, 0.4, 2.0, other=0.3), "goes"),
         (Errors(0.02, 0.02, 10, other=0.025), "stays"),
         (Errors(0.03, 0.03, 2.0, other=0.3), "stays"),

@@ -1,4 +1,4 @@
-"""Kernels by address, from cached code, in another process."""
+"""Kernels are called by address, from cached code, in another process."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Every kind of block against something independent: scipy, closed forms, plain loops."""
+"""Every kind of block, compared with an independent reference: scipy, closed forms, plain loops."""
 
 import math
 
@@ -203,7 +203,7 @@ def test_wrong_blocks_are_refused_by_key(block: Block, names: str) -> None:
 def test_friction_that_gives_way_in_a_straight_line_is_a_play(length: float) -> None:
     t, x = _signal()
     h, want = x[0], []
-    for v in x:  # half of it: a play and what passes beside it
+    for v in x:  # half passes through a play, half directly
         h = max(v - length, min(v + length, h))
         want.append(0.5 * v + 0.5 * h)
     values = {"length": length, "stribeck": 1.0, "sliding": 0.5 * length, "extra": 0.0}

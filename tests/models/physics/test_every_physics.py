@@ -36,7 +36,7 @@ LOOPS = Hysteresis(
 
 
 def recordings(*blocks: Block, noise: float = 0.01) -> list[Recording]:
-    """Two runs of a stage with these blocks: sines of many speeds, then levels with holds."""
+    """Return two runs of a stage with these blocks: sines of many speeds, levels with holds."""
     rng = np.random.default_rng(11)
     t = np.arange(4000) * DT
     lines = ((2.2, 0.7, 0.3), (1.2, 3.1, 1.0), (0.8, 11.0, 2.0), (0.4, 43.0, 0.1))
@@ -61,8 +61,8 @@ def plain():
 
 
 def examples(name: str, data) -> list[Block]:
-    """Blocks of a physics: the first specimen of each kind at each place, and what its candidates
-    would write."""
+    """Return blocks of a physics: the first specimen of each kind at each place, and what its
+    candidates would write."""
     physics = PHYSICS[name]
     out = []
     for one in physics.specimens.values():
@@ -73,7 +73,7 @@ def examples(name: str, data) -> list[Block]:
 
 
 def strength(candidate: Candidate, data) -> tuple[tuple[float, ...], np.ndarray]:
-    """Nonlinear parameters and amplitudes of an effect; additive ones of 0.6 % of the stroke."""
+    """Return nonlinear parameters and amplitudes of an effect; additive: 0.6 % of the stroke."""
     theta = typical(candidate, data)
     if candidate.mode != "columns":
         return theta, np.zeros(0)
@@ -83,7 +83,7 @@ def strength(candidate: Candidate, data) -> tuple[tuple[float, ...], np.ndarray]
 
 
 def typical(candidate: Candidate, data) -> tuple[float, ...]:
-    """The middle one of the starts that it finds in a residual with a line."""
+    """Return the middle one of the starts that it finds in a residual with a line."""
     line = 0.05 * np.sin(2 * np.pi * 61.3 * data.t)
     starts = candidate.starts(data, line)
     return tuple(starts[len(starts) // 2])
@@ -150,7 +150,7 @@ def test_forward_is_finite_settled_and_the_same_sample_by_sample(name: str, plai
 
 
 def moved(block: Block, seq: np.ndarray, first: float) -> np.ndarray:
-    """The block's output for inputs at the sampling period, settled at `first`."""
+    """Return the block's output for inputs at the sampling period, settled at `first`."""
     kind = KINDS[block.kind]
     p, size = kind.numbers(kind.values(block, "v", "um"), DT)
     s = np.zeros(size)
@@ -215,10 +215,10 @@ def test_round_trip_or_the_words_why_not(name: str, plain) -> None:
 
 @pytest.mark.parametrize("name", FILES)
 def test_it_is_recognised_in_its_own_simulated_data(name: str, plain) -> None:
-    """What the rich base leaves of it, its candidate explains, from a start of its own."""
+    """Its candidate explains what the rich base leaves, from one of its own starts."""
     noise = 1e-3
     data = prepare(recordings(noise=noise))
-    floor = Problem(data, rich_base(data)).solve([]).sse  # the base's own misfit, and noise
+    floor = Problem(data, rich_base(data)).solve([]).sse  # misfit of the base, plus noise
     for hidden in PHYSICS[name].candidates(plain):
         if hidden.refines or hidden.key.endswith(("-2", "-3")):
             continue
@@ -239,7 +239,7 @@ def test_it_is_recognised_in_its_own_simulated_data(name: str, plain) -> None:
 
 
 def test_nobody_else_opens_the_file_of_a_physics() -> None:
-    """Cascade, inverse and diagnosis know the frame alone; so a new physics is one file."""
+    """Cascade, inverse and diagnosis only know the interface, so new physics is one file."""
     opened = re.compile(r"models\.physics(?:\.(\w+))? import ([\w, ()\n]+)")
     for room in ("cascade", "inverse", "diagnosis", "drive_design"):
         for path in sorted((ROOT / room).glob("*.py")):

@@ -1,4 +1,4 @@
-"""How coupling from another axis is reported: whose displacement or drive it is, in which unit."""
+"""How coupling from another axis is reported: whose displacement or drive, and in which unit."""
 
 import pytest
 

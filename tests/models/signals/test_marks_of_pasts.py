@@ -1,4 +1,4 @@
-"""A mark for a past stands for the drive that went before: compared with that drive itself."""
+"""A mark for a history replaces the drive before the recording: compared with that drive itself."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from dehyst.models.signals.pasts import FRESH, FROM_ABOVE, FROM_BELOW
 
 R, LENGTHS = np.array([0.0, 0.5, 1.5, 4.0, 12.0]), np.array([0.3, 2.0, 9.0])
 U = 5.0 + 2.0 * np.sin(0.05 * np.arange(400)) + 1.5 * np.sin(0.013 * np.arange(400))
-U[300], U[350] = 10.0, 0.0  # the range that a past goes over
+U[300], U[350] = 10.0, 0.0  # the range of the history
 LEGS: dict[int, list[float]] = {FRESH: [], FROM_ABOVE: [0.0, 10.0], FROM_BELOW: [0.0, 10.0, 0.0]}
 
 

@@ -1,4 +1,4 @@
-"""The pace of a drive, against its definition row by row."""
+"""The pace of a drive, compared with its definition row by row."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Repeated readings are those of a polled gauge, and nothing else that stands still."""
+"""Repeated readings are found in a polled gauge, and in no other signal that stays constant."""
 
 import numpy as np
 import pytest
