@@ -1,4 +1,4 @@
-"""What the tests of all drivers share."""
+"""Fixtures that the tests of all drivers share."""
 
 from collections.abc import Iterator
 

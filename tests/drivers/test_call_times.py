@@ -1,4 +1,4 @@
-"""How the calls of a unit are timed: its late replies count, what this machine does does not."""
+"""How the calls of a unit are timed: its late replies count, this machine's delays do not."""
 
 from collections.abc import Callable, Iterable
 
@@ -8,7 +8,7 @@ from dehyst.drivers.call_times import Batches
 
 
 def calls(durations_s: Iterable[float]) -> tuple[Callable[[], None], Callable[[], float]]:
-    """A call that takes these times, one after the other, and the clock that sees it."""
+    """Return a call that takes these times in turn, and the clock that it advances."""
     now, left = [0.0], iter(durations_s)
 
     def call() -> None:
@@ -18,7 +18,7 @@ def calls(durations_s: Iterable[float]) -> tuple[Callable[[], None], Callable[[]
 
 
 def test_every_tenth_reply_is_late_and_counts() -> None:
-    """2 ms, every tenth 2.6 ms: a rate of 500 Hz would be late 10 times in 100."""
+    """2 ms, every tenth 2.6 ms: at 500 Hz 10 replies in 100 would be late."""
     batches = Batches(size=30, most=4)
     times = batches.best(*calls([2.6e-3 if i % 10 == 9 else 2e-3 for i in range(120)]))
     assert batches.late_s(times) == pytest.approx(2.6e-3)

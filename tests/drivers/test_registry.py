@@ -1,4 +1,4 @@
-"""Driver plugins: the real ones of this package, and made-up ones good and bad."""
+"""Driver plugins: the real ones of this package, and made-up good and bad ones."""
 
 import importlib.metadata
 import textwrap
@@ -41,7 +41,7 @@ mdt693b = made_up_plugin:Good
 
 @pytest.fixture
 def made_up_plugins(tmp_path, monkeypatch):
-    """A distribution on sys.path with one good and several broken plugins."""
+    """Install a distribution on sys.path with one good and several broken plugins."""
     (tmp_path / "made_up_plugin.py").write_text(textwrap.dedent(PLUGIN))
     (tmp_path / "made_up_raising.py").write_text("raise RuntimeError('no licence\\nfor this')\n")
     info = tmp_path / "made_up-2.0.dist-info"

@@ -1,4 +1,4 @@
-"""The one reader of drivers' settings, and what every driver declares with it."""
+"""The common reader of driver settings, and what every driver declares with it."""
 
 import math
 from typing import Annotated, Any, Literal

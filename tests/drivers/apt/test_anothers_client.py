@@ -1,5 +1,5 @@
-"""The messages of the piezo driver against another's implementation of the protocol document:
-thorlabs-apt-protocol, which encodes requests and decodes replies on its own."""
+"""The messages of the piezo driver, compared with another implementation of the protocol document:
+thorlabs-apt-protocol, which has its own encoding and decoding."""
 
 import pytest
 
@@ -10,7 +10,7 @@ from dehyst.drivers.emulated.kpz101_unit import Kpz101Unit
 
 apt = pytest.importorskip("thorlabs_apt_protocol")
 
-# our message, theirs, our name of each argument of theirs
+# our message, theirs, and our name for each of their arguments
 SAME = [
     ("hw_req_info", "hw_req_info", {}),
     ("hw_stop_updatemsgs", "hw_stop_updatemsgs", {}),
@@ -65,7 +65,7 @@ def test_it_understands_the_status(enabled: bool, mode: int) -> None:
     assert (status.max_75V, status.max_100V, status.max_150V) == (False, False, True)
 
 
-# what the channels of a KPC101, BPC301 and BPC303 are asked besides
+# further requests for the channels of a KPC101, BPC301 and BPC303
 ALSO = [
     ("pz_req_pzstatusupdate", "pz_req_pzstatusupdate"),
     ("pz_req_maxtravel", "pz_req_maxtravel"),

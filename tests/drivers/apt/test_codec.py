@@ -1,4 +1,4 @@
-"""APT messages: golden bytes, layouts, and finding the way back after garbage."""
+"""APT messages: golden bytes, layouts, and resynchronisation after garbage."""
 
 import struct
 
@@ -10,7 +10,7 @@ from dehyst.drivers.apt import codec
 from dehyst.drivers.apt.codec import HOST, MESSAGES, UNIT, Decoder, encode_apt
 from dehyst.drivers.interface import ProtocolError
 
-# request or reply, its bytes written out by hand from the protocol document's layouts
+# a request or reply, and its bytes written by hand from the protocol document's layouts
 GOLDEN = [
     (("hw_req_info", {}, HOST, UNIT), "05 00 00 00 50 01"),
     (("hw_stop_updatemsgs", {}, HOST, UNIT), "12 00 00 00 50 01"),
@@ -114,7 +114,7 @@ def test_split_anywhere(values: list[int], size: int) -> None:
 def test_finds_back_after_garbage(garbage: bytes, value: int) -> None:
     decoder = Decoder()
     decoder.feed(garbage)
-    # whatever the garbage announces, it swallows at most the longest message
+    # whatever length the garbage announces, it swallows at most the longest message
     found = [m for _ in range(30) for m in decoder.feed(reading(value))]
     assert found[-1].values["reading"] == value
 

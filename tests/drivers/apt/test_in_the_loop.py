@@ -1,5 +1,5 @@
 """Units that speak APT on ptys in the daemon's own loop, while their links and units fail: a KPZ101
-with a KSG101, a KPC101, and a channel of a BPC303, whose gauges are their own."""
+with a KSG101, a KPC101, and a channel of a BPC303. The latter two have their own gauges."""
 
 import itertools
 import time
@@ -28,7 +28,7 @@ from dehyst.drivers.ksg101 import Ksg101
 names = (f"apt-{i}" for i in itertools.count())
 PATIENCE_S = 60.0
 TIMEOUT_S, LATE_S = 1.0, 1.3  # a busy machine answers later than a unit
-SLEW_V = 4.0  # a sample: 4000 V/s at 1 kHz, in virtual time
+SLEW_V = 4.0  # per sample: 4000 V/s at 1 kHz, in virtual time
 UM_PER_V = 0.115
 CHANNEL = 2  # of the rack
 
@@ -42,8 +42,8 @@ FOREIGN = {"kpz101": 29999999, "kpc101": 113999999, "bpc303": 71999999}
 
 
 class Bench:
-    """The units, the loop that drives them, and every voltage that left the amplifier. gauge: its
-    port, which is the amplifier's where the unit reads it itself."""
+    """The units, the loop that drives them, and every voltage at the amplifier's output. gauge: its
+    port, which is the amplifier's if the unit reads the gauge itself."""
 
     def __init__(self, folder: Path, kind: Kind) -> None:
         self.kind = kind
@@ -70,7 +70,7 @@ class Bench:
         return tuple(dict.fromkeys((self.amplifier, self.gauge)))
 
     def unit(self, **knobs: Any) -> Kpz101Unit | Bpc303Unit:
-        """One that drives the stage. knobs: where it is another than the usual one."""
+        """Return a unit that drives the stage. knobs: how it differs from the usual one."""
 
         def moved(channel: int, volts: float, time_s: float) -> None:
             if channel == (CHANNEL if self.kind == "bpc303" else 1):
@@ -86,21 +86,21 @@ class Bench:
         return Bpc303Unit(structs.replace(RACK_KNOBS, **knobs), moved, position)
 
     def play(self, um: float, samples: int = 40) -> np.ndarray:
-        """Go there; the records since."""
+        """Follow this set-point and return the records since."""
         before = self.loop.monitor.samples
         return self.loop.play([setpoint(um)], samples, compiled=False)[before:]
 
     def until_whole(self, um: float) -> None:
-        """Until both devices are back and the loop follows set-points."""
+        """Wait until both devices are back and the loop follows set-points."""
         end_s = time.monotonic() + PATIENCE_S
         status = self.loop.monitor.numbers
         while not (status[PLACE["actuator_ok"]] and status[PLACE["sensor_ok"]]):
             assert time.monotonic() < end_s, ("it did not come back", self.events())
             self.play(um, 5)
-            time.sleep(0.005)  # the reconnecting thread lives in real time
+            time.sleep(0.005)  # the reconnecting thread runs in real time
         for _ in range(20):  # set-points go stale after 100 samples
             records = self.play(um, 60)
-        while State(records["state"][-1]) is not State.RUNNING:  # an answer came late again
+        while State(records["state"][-1]) is not State.RUNNING:  # a reply was late again
             assert time.monotonic() < end_s, "it does not follow again"
             records = self.play(um, 60)
 

@@ -1,5 +1,5 @@
-"""A client of the MDT693B that somebody else wrote, mdt69x from the package index, at the emulated
-unit. What differs, and what of it is known: docs/other-mdt693b-clients.md."""
+"""A third-party client of the MDT693B, mdt69x from the package index, talking to the emulated unit.
+Differences and their known causes: docs/other-mdt693b-clients.md."""
 
 import contextlib
 import importlib.util
@@ -42,14 +42,14 @@ def unit(folder: Path, **knobs: Any) -> Iterator[Mdt693bEmulator]:
 
 def controller(folder: Path) -> Any:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # its own source has a few to give
+        warnings.simplefilter("ignore")  # its own source causes some warnings
         import mdt69x
 
         return mdt69x.Controller(str(folder / "amplifier"))
 
 
 def everything(amplifier: Any, volts: Callable[[str], float]) -> None:
-    """Set and read what it can, in the mode that it is in."""
+    """Set and read everything that works in the present mode."""
     assert amplifier.set_x_voltage(10) == 1
     assert volts("x") == pytest.approx(10, abs=2e-3)
     assert amplifier.set_all_voltage(5) == 1
@@ -90,7 +90,7 @@ def test_the_emulated_unit_as_it_is_takes_its_sets(tmp_path: Path) -> None:
         assert emulator.output_v("x") == pytest.approx(12.5, abs=2e-3)
         assert amplifier.get_x_voltage() == pytest.approx(12.5, abs=6e-3)
         with pytest.raises(ValueError, match="invalid literal"):
-            amplifier.get_intensity()  # brackets
+            amplifier.get_intensity()  # because of the brackets
         amplifier.close()
 
 

@@ -74,7 +74,7 @@ def rig(tmp_path: Path) -> Iterator[Rig]:
 
 def test_volts_in_micrometres_out(rig: Rig) -> None:
     start_um = rig.gauge.read()
-    assert 1.0 < start_um < 3.0  # the amplifier recalled 20 V, the stage has settled there
+    assert 1.0 < start_um < 3.0  # the amplifier recalled 20 V, where the stage has settled
     rig.amplifier.write(150.0)
     until(lambda: rig.ask()["drive_v"] > 149.99)
     # the step rings for some hundredths of a second

@@ -1,5 +1,5 @@
 """The emulated bench with a KPC101, and with two channels of a BPC303, as `dehyst emulate` starts
-it: the gauges are the unit's own."""
+it: the units have their own gauges."""
 
 import math
 from collections.abc import Iterator

@@ -25,7 +25,7 @@ EXACT = {"readback_noise_v": 0.0, "adc_step_v": 0.0, "readback_offset_v": 0.0, "
 
 
 class Bench:
-    """A unit, its clock and what its outputs did."""
+    """A unit, its clock, and a record of its output changes."""
 
     def __init__(self, **knobs) -> None:
         self.now = 100.0

@@ -1,4 +1,4 @@
-"""The pty plumbing, with a unit that repeats what it hears."""
+"""The pty plumbing, with a unit that repeats what it receives."""
 
 import os
 import threading
@@ -11,7 +11,7 @@ from dehyst.drivers.serial_port import SerialPort
 
 
 class Parrot:
-    """Says everything again at once."""
+    """A unit that repeats everything at once."""
 
     def __init__(self) -> None:
         self.heard = b""
@@ -32,7 +32,7 @@ class Parrot:
         self.losses += 1
 
     def set_serial_number(self, number: int) -> None:
-        """It has none."""
+        """Ignore the number: this unit has none."""
 
 
 def read(port: SerialPort, count: int) -> bytes:

@@ -28,11 +28,11 @@ class Axes(NamedTuple):
     gauges: dict[str, Ksg101]
 
     def settled(self, volts: float) -> dict[str, float]:
-        """Readings once the bench shows that the piezo of y stands at `volts`."""
+        """Return the readings once the bench shows that the piezo of y is at `volts`."""
         self.amplifier.write(volts)
         while abs(ask(self.ports["control"], {"axis": "y"})["drive_v"] - volts) > 1e-2:
             pass
-        for _ in range(40):  # what rings dies out while the gauges are read
+        for _ in range(40):  # ringing decays while the gauges are read
             shown = {name: gauge.read() for name, gauge in self.gauges.items()}
         return shown
 

@@ -1,4 +1,4 @@
-"""The IIO output driver on real files laid out like sysfs."""
+"""The IIO output driver, on real files laid out like sysfs."""
 
 import shutil
 import tempfile
@@ -20,7 +20,7 @@ SCALE_MV = 10000 / 65535  # 16 bits over 10 V
 
 
 def device(folder: Path, **files: str) -> Path:
-    """An AD5686 as the kernel shows it, its output at 20 V behind a gain of 15."""
+    """Return an AD5686 as the kernel shows it, with its output at 20 V after a gain of 15."""
     content = {"name": "ad5686", "out_voltage0_raw": "8738", "out_voltage0_scale": str(SCALE_MV)}
     return lay_out(folder, {**content, **files})
 
@@ -37,7 +37,7 @@ def opened(folder: Path, **settings: object) -> IioActuator:
 
 @pytest.mark.processes
 class TestIioActuatorContract(ActuatorContract):
-    """On a file of the kernel: a file of a disk never refuses a write."""
+    """The contract on a kernel file: a file on disk never refuses a write."""
 
     def setup_method(self) -> None:
         self.base = Path(tempfile.mkdtemp())
@@ -81,7 +81,7 @@ def test_offset_and_twos_complement(tmp_path: Path) -> None:
     folder = device(
         tmp_path / "d", out_voltage_scale="0.5", out_voltage0_offset="-100", out_voltage0_raw="100"
     )
-    (folder / "out_voltage0_scale").unlink()  # the scale of its kind counts then
+    (folder / "out_voltage0_scale").unlink()  # now the scale of its kind applies
     actuator = opened(folder, gain=10.0, min_v=-20.0, max_v=20.0, unsigned=False)
     assert actuator.output() == 0.0
     actuator.write(-7.5)  # -750 mV, -1500 steps of 0.5 mV, 100 above

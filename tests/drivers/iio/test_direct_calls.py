@@ -34,7 +34,7 @@ names = (f"iio-{i}" for i in itertools.count())
 
 
 def stage(folder: Path) -> Path:
-    """A converter whose input is wired to its output."""
+    """Return a converter whose input is wired to its output."""
     files = {"name": "wired", "out_voltage0_raw": "0", "out_voltage0_scale": str(SCALE_MV)}
     lay_out(folder, {**files, "in_voltage0_scale": str(SCALE_MV), "in_voltage0_offset": "3"})
     (folder / "in_voltage0_raw").symlink_to("out_voltage0_raw")
@@ -53,7 +53,7 @@ def opened(folder: Path, **more: Any) -> tuple[IioActuator, IioSensor]:
 
 
 def outcome(call: Any, *arguments: Any) -> Any:
-    """What a call returns, or the error that it raises."""
+    """Return the call's result, or the error that it raises."""
     try:
         return call(*arguments)
     except DriverError as error:
@@ -182,7 +182,7 @@ def test_both_loops_give_the_same_records(tmp_path: Path, mode: str) -> None:
         rig = Rig(next(names), mode, [300_000, 0, 1_400_000], devices=opened(folder))
         batches = [setpoint(4.0), setpoint(-3.0), setpoint(9.0), setpoint(2.0)]
         records.append(rig.play(batches, 150, compiled))
-        records[-1]["cause"] = 0  # why this machine was late is not part of the step
+        records[-1]["cause"] = 0  # the cause of this machine's delay is not part of the step
         outputs.append((folder / "out_voltage0_raw").read_text().split("\n")[0])
     assert records[0].tobytes() == records[1].tobytes()
     assert outputs[0] == outputs[1]
@@ -208,7 +208,7 @@ def test_a_device_that_goes_is_a_fault_in_the_loop_and_comes_back(
     while not rig.monitor.numbers[PLACE["sensor_ok"]]:
         assert time.monotonic() < end_s, "it did not come back"
         rig.play([setpoint(9.0)], 20, compiled)
-        time.sleep(0.01)  # the reconnecting thread lives in real time
+        time.sleep(0.01)  # the reconnecting thread runs in real time
     assert held.endswith("\n")
     records = rig.play([setpoint(9.0)], 900, compiled)
     assert State(records["state"][-1]) is not State.FAULT

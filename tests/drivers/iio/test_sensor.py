@@ -1,4 +1,4 @@
-"""The IIO driver on real files laid out like sysfs."""
+"""The IIO sensor driver, on real files laid out like sysfs."""
 
 import math
 import shutil
@@ -14,7 +14,7 @@ from dehyst.drivers.interface import DeviceGone, DeviceNotFound, DriverConfigErr
 
 
 def device(folder: Path, **files: str) -> Path:
-    """An AD7124 as the kernel shows it."""
+    """Return an AD7124 as the kernel shows it."""
     content = {"name": "ad7124-4", "in_voltage0_raw": "100000", "in_voltage0_scale": "0.0001"}
     return lay_out(folder, {**content, **files})
 

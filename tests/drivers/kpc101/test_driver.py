@@ -1,4 +1,4 @@
-"""The drivers of KPC101, BPC301 and BPC303 against their emulators on ptys: outputs and gauges."""
+"""The drivers of KPC101, BPC301 and BPC303, outputs and gauges, with their emulators on ptys."""
 
 import math
 import shutil
@@ -36,7 +36,7 @@ UM_PER_V = 0.1
 
 
 class Rig:
-    """An emulated unit on a pty. Each channel's stage follows its own voltage, and no other."""
+    """An emulated unit on a pty. Each channel's stage follows only its own voltage."""
 
     def __init__(self, folder: Path, rack: bool = False, **knobs: object) -> None:
         self.outputs_v: dict[int, list[float]] = {1: [], 2: [], 3: []}
@@ -77,7 +77,7 @@ def make(tmp_path: Path) -> Iterator[Make]:
 
 
 class _OnAUnit:
-    """What the contracts of outputs and gauges need of a unit."""
+    """The fixtures that the contracts of outputs and gauges need."""
 
     rack: ClassVar[bool] = False
 
@@ -260,7 +260,7 @@ def test_foreign_units_get_no_voltage(make: Make) -> None:
     known.expect(UnitIdentity("113000124"))
     with pytest.raises(ForeignUnit, match="113000123"):
         known.open()
-    with pytest.raises(DeviceTimeout):  # nobody is at a motherboard's address
+    with pytest.raises(DeviceTimeout):  # there is no unit at a motherboard's address
         Bpc303.from_settings(rig.settings(timeout_s=0.2)).open()
     other = Kpz101Unit()
     rig.server.call(lambda: setattr(rig.server, "unit", other))
@@ -318,7 +318,7 @@ def test_a_late_position_of_one_bay_is_not_taken_for_anothers(make: Make) -> Non
     with pytest.raises(DeviceTimeout):
         one.read()
     rig.fault()
-    assert two.read() == pytest.approx(2.0, abs=2e-3)  # the line brings the late one of bay 1 first
+    assert two.read() == pytest.approx(2.0, abs=2e-3)  # the late reply of bay 1 arrives first
     one.close()
     two.close()
 

@@ -1,4 +1,4 @@
-"""The KPZ101 driver against its emulator on a pty."""
+"""The KPZ101 driver, with its emulator on a pty."""
 
 import shutil
 import tempfile
@@ -28,7 +28,7 @@ from dehyst.drivers.ksg101 import Ksg101
 
 
 class Rig:
-    """An emulator, its pty, and every voltage that its output has stood at."""
+    """An emulator, its pty, and every voltage that its output has had."""
 
     def __init__(self, folder: Path, **knobs: object) -> None:
         self.outputs_v: list[float] = []
@@ -92,7 +92,7 @@ class TestKpz101Contract(ActuatorContract):
 
 
 class TestKpz101OfLess(TestKpz101Contract):
-    """A unit limited to 75 V that stands at a voltage, with a limit of ours that is on no count."""
+    """A unit limited to 75 V, not at 0 V, with a limit of ours that lies between two counts."""
 
     knobs: ClassVar = {"limit_v": 75, "start_v": 20.0, "enabled": True, "chunk_size": 3}
     settings: ClassVar = {"limit_v": 75, "max_v": 60.0001}
@@ -111,7 +111,7 @@ def test_learns_the_unit(make: Make) -> None:
 
 
 def test_the_emulated_unit_takes_one_message_after_the_other() -> None:
-    """In virtual time: 2 ms for each message, and a write is two of them."""
+    """In virtual time each message takes 2 ms, and a write is two messages."""
     unit = Kpz101Unit(Kpz101Knobs(latency_s=2e-3), clock=lambda: now_s)
     now_s, messages = 0.0, []
     first = encode_apt("pz_set_outputvolts", chan=1, voltage=0)
@@ -129,7 +129,7 @@ def test_the_declared_rate_is_that_of_sets_not_of_requests(make: Make) -> None:
     rig = make(latency_s=4e-3)
     device = rig.driver()
     device.open()
-    assert device.spec.latency_s >= 2 * 4e-3  # both messages are in it
+    assert device.spec.latency_s >= 2 * 4e-3  # includes both messages
     assert device.spec.max_rate_hz <= 1.0 / (2 * 4e-3)
     assert (rig.unit.sets_done > 0, rig.outputs_v) == (True, [])
     device.close()
@@ -188,7 +188,7 @@ def test_a_unit_that_cannot_be_used_as_it_stands_is_not_touched(
     enabled: bool,
 ) -> None:
     if says.startswith("output is") and not enabled:
-        enabled = True  # a disabled output stands at 0 V, which is in range
+        enabled = True  # a disabled output is at 0 V, which is in range
     rig = make(enabled=enabled, **knobs)
     with pytest.raises(DriverConfigError, match=says):
         rig.driver(**settings).open()
@@ -298,7 +298,7 @@ def test_a_late_reply_is_not_taken_for_the_next_one(make: Make) -> None:
         device.write(2.0)
     assert device.output() == pytest.approx(1.0, abs=device.spec.resolution)
     rig.fault()
-    for _ in range(20):  # until the replies after the late one have come
+    for _ in range(20):  # until the replies after the late one have arrived
         try:
             device.write(9.0)
             break

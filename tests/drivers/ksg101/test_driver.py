@@ -1,4 +1,4 @@
-"""The KSG101 driver against its emulator on a pty."""
+"""The KSG101 driver, with its emulator on a pty."""
 
 import math
 import shutil
@@ -24,7 +24,7 @@ COUNT_UM = 20.0 / 32767
 
 
 class Rig:
-    """An emulator, its pty and the displacement it shows."""
+    """An emulator, its pty and the displacement that it shows."""
 
     def __init__(self, folder: Path, **knobs: object) -> None:
         self.position_um = 5.0
@@ -149,7 +149,7 @@ def test_a_late_reply_is_not_taken_for_the_next_one(rig: Rig) -> None:
         sensor.read()
     rig.server.call(lambda: setattr(rig.unit, "faults", Ksg101Faults()))
     rig.position_um = 9.0
-    for _ in range(20):  # until the queue behind the late reply has moved on
+    for _ in range(20):  # until the queue after the late reply has moved on
         try:
             assert sensor.read() == pytest.approx(9.0, abs=COUNT_UM)
             break

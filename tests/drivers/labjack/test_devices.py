@@ -1,4 +1,4 @@
-"""The LabJack drivers over LabJack's own package, on a stand-in of its library, in both loops."""
+"""The LabJack drivers through LabJack's package, on a stand-in of its library, in both loops."""
 
 import itertools
 import math
@@ -25,7 +25,7 @@ from dehyst.drivers.interface import (
 )
 from dehyst.drivers.labjack import LabjackActuator, LabjackSensor
 
-pytestmark = pytest.mark.processes  # the compiler
+pytestmark = pytest.mark.processes  # because of the compiler
 ACTUATOR = {"gain": 15.0, "max_v": 75.0}
 SENSOR = {"um_per_v": 5.0, "zero_v": 0.5, "average": 5}
 TICK = {"channel": "TDAC0", "max_v": 150.0, "device_min_v": -10.0, "device_max_v": 10.0,
@@ -52,7 +52,7 @@ def unit(
 
 
 class Plug:
-    """Unplugging for both contracts."""
+    """Unplugs the unit for both contracts."""
 
     unit: Unit
 
@@ -72,7 +72,7 @@ class TestLabjackActuator(Plug, ActuatorContract):
 
 
 class TestLabjackTick(Plug, ActuatorContract):
-    """An LJTick-DAC, which cannot be asked, into an inverting amplifier with an offset."""
+    """An LJTick-DAC, which has no readback, into an inverting amplifier with an offset."""
 
     def make(self) -> LabjackActuator:
         return LabjackActuator.from_settings({**TICK, "gain": -20.0, "zero_v": 5.0})
@@ -93,7 +93,7 @@ class TestLabjackSensor(Plug, SensorContract):
 
 
 def used(device: Any) -> Any:
-    """The device, opened; its handle is given back when the test ends."""
+    """Open the device and return it; release its handle when the test ends."""
     in_use.append(device)
     device.open()
     return device
@@ -171,14 +171,14 @@ def test_a_failing_call_is_the_same_fault_in_both(unit: Unit, code: int, kind: t
     with pytest.raises(kind, match=f"^labjack AIN0: .*{code}"):
         sensor.read()
     unit.fail_in = -1
-    with pytest.raises(DeviceGone):  # its handle has gone with the sensor's
+    with pytest.raises(DeviceGone):  # its handle was closed with the sensor's
         actuator.write(45.0)
     assert (actuator.output(), unit.register("DAC0")) == (30.0, 2.0)
     for device in (actuator, sensor):
         device.reconnect()
     assert unit.opened == 2
     actuator.write(45.0)
-    assert direct_calls.write(write, 60.0) is None  # the same function serves the new handle
+    assert direct_calls.write(write, 60.0) is None  # the same function uses the new handle
     assert unit.register("DAC0") == 4.0
 
 
@@ -194,14 +194,14 @@ def test_compiled_code_reads_and_writes_what_python_does(unit: Unit) -> None:
         shown = sensor.read()
         unit.calls = 0
         assert direct_calls.read(read) == shown
-        assert shown == pytest.approx(by_python * 0.8 * 5.0)  # the noise is of period 5
+        assert shown == pytest.approx(by_python * 0.8 * 5.0)  # the noise has a period of 5
     calls = unit.calls
     for volts in (-0.001, 75.001, math.nan, math.inf):
         assert isinstance(direct_calls.write(write, volts), OutOfRange)
         with pytest.raises(OutOfRange):
             actuator.write(volts)
     assert unit.calls == calls
-    for volts in (10.01, -9999.0):  # the unit's own word for out of range is -9999
+    for volts in (10.01, -9999.0):  # the unit reports -9999 for out of range
         unit.broken_v = volts
         assert math.isnan(sensor.read())
         assert math.isnan(direct_calls.read(read))  # type: ignore[arg-type]
@@ -228,7 +228,7 @@ def test_both_loops_give_the_same_records(library: str, monkeypatch: pytest.Monk
         unit.calls = 0
         rig = Rig(next(names), "static", [300_000, 0, 900_000], devices=(actuator, sensor))
         records.append(rig.play([setpoint(4.0), setpoint(9.0), setpoint(2.0)], 150, compiled))
-        records[-1]["cause"] = 0  # why this machine was late is not part of the step
+        records[-1]["cause"] = 0  # the cause of this machine's delay is not part of the step
         assert records[-1]["volts"][-1] == unit.register("TDAC0") * 15.0
         for device in (actuator, sensor):
             device.close()

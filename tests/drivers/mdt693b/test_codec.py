@@ -1,4 +1,4 @@
-"""Properties of the MDT693B codec: no input crashes it, no input makes it invent a reply."""
+"""Properties of the MDT693B codec: no input crashes it or makes it invent a reply."""
 
 import itertools
 
@@ -47,7 +47,7 @@ def test_nothing_crashes_it_and_one_byte_gives_at_most_one_event(dialect, comman
 
 @given(dialects, st.binary(max_size=64))
 def test_an_acknowledgement_has_nothing_before_it(dialect, data):
-    """An ack of a set only when its mark comes first, apart from the echo and NUL, CR, LF."""
+    """A set is acknowledged only if its mark comes first, apart from the echo and NUL, CR, LF."""
     codec = Mdt693bCodec(dialect)
     codec.send("xvoltage=1.000")
     first = codec.receive(data)[:1]
@@ -60,7 +60,7 @@ def test_an_acknowledgement_has_nothing_before_it(dialect, data):
 @given(dialects, commands, noise, st.lists(st.integers(0, 1000), max_size=6))
 def test_events_do_not_depend_on_how_the_bytes_are_cut(dialect, command, data, places):
     if b"!" in data and dialect is Dialect.MODERN:
-        return  # a bare "!" counts at once, so its prompt may come behind it
+        return  # a bare "!" counts at once, so its prompt may come after it
     whole, pieces = Mdt693bCodec(dialect), Mdt693bCodec(dialect)
     whole.send(command)
     pieces.send(command)

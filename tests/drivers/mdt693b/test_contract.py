@@ -1,4 +1,4 @@
-"""The MDT693B driver against the contract of every actuator, on each firmware's emulator."""
+"""The MDT693B driver fulfils the contract of every actuator, on each firmware's emulator."""
 
 from pathlib import Path
 from typing import ClassVar, Literal

@@ -1,4 +1,4 @@
-"""The MDT693B driver through real pyserial on a real pty, against the emulated unit."""
+"""The MDT693B driver through real pyserial on a real pty, with the emulated unit."""
 
 import math
 import time
@@ -29,7 +29,7 @@ BOTH = pytest.mark.parametrize("dialect", ["1.05", "1.10"])
 
 @pytest.fixture
 def bench(tmp_path):
-    """Makes (emulator, open driver) pairs; ends them with the test."""
+    """Make pairs of an emulator and an open driver; end them with the test."""
 
     @contextmanager
     def make(settings=None, **knobs):
@@ -48,7 +48,7 @@ def bench(tmp_path):
 
 @contextmanager
 def impatient(driver, errors=DeviceTimeout, match=None):
-    """Expects an error for want of a reply, without the long wait that a busy machine needs."""
+    """Expect an error from a missing reply, without the long time-out for a busy machine."""
     link = driver._link
     link.timeout_s, patience_s = 0.06, link.timeout_s
     with pytest.raises(errors, match=match):
@@ -200,7 +200,7 @@ def test_the_known_set_point_can_be_given(bench):
 
 
 TRUE_READBACK = {"readback_offset_v": 0.0, "readback_noise_v": 0.0, "adc_step_v": 0.0}
-"""A readback that shows the output, 20 V, to the two decimals of the display."""
+"""The readback shows the output, 20 V, to the two decimals of the display."""
 
 
 @pytest.mark.parametrize(
@@ -358,7 +358,7 @@ def test_a_late_acknowledgement_is_not_given_to_the_next_set(bench, dialect):
             driver.write(31.0)
         assert driver.output() == 30.0
         time.sleep(0.3)
-        # This set is acknowledged by nothing: it must not succeed on the late one.
+        # the unit acknowledges no further set: none may succeed on the late reply
         emulator.fault(lose_sets=True)
         driver.readback()
         assert driver.output() == 31.0, "the late acknowledgement tells that it was carried out"
@@ -418,7 +418,7 @@ def test_a_refusal_after_the_acknowledgement_is_reported_and_nothing_is_written(
             driver.write(31.0)
         assert emulator.unit.sets_done == sets
         assert driver.output() == 30.0
-        driver.write(32.0)  # it is reported once
+        driver.write(32.0)  # the error is reported once
         assert driver.output() == 32.0
         assert emulator.output_v() == pytest.approx(32.0, abs=2e-3)
 

@@ -1,5 +1,5 @@
-"""Replies recorded from real units, byte for byte: the emulator writes them, the codec reads them
-however they are cut."""
+"""Replies recorded from real units, byte for byte: the emulator writes them, and the codec reads
+them, wherever they are cut."""
 
 import pytest
 
@@ -14,7 +14,7 @@ ID_110 = (
 )
 ID_LINES = ID_110.strip(b"\r>").decode()
 
-# firmware, knobs, sent, received, the event that the codec makes of it
+# firmware, knobs, sent, received, and the event that the codec makes of it
 RECORDED = [
     ("1.05", {"limit_v": 100}, b"vlimit?\n", b"vlimit?\n*[ 100]\r*", Answer),
     ("1.05", {"start_v": 24.8}, b"xvoltage?\n", b"xvoltage?\n*[  24.8]\r", Answer),
@@ -51,7 +51,7 @@ RECORDED = [
 
 
 def quiet_unit(firmware: str, **knobs) -> Mdt693bUnit:
-    """A unit whose readback shows what the recorded units showed; answers at once."""
+    """Return a unit with the readback of the recorded units; it answers at once."""
     axes_v = {"x": 0.24, "y": 0.21, "z": 0.22}
     start_v = knobs.pop("start_v", None)
     fixed = {"latency_s": 0.0, "jitter_s": 0.0, "readback_noise_v": 0.0, "adc_step_v": 0.0}

@@ -1,4 +1,4 @@
-"""Random faults in a row: what a successful write() promises holds all the time."""
+"""A series of random faults: what a successful write() promises always holds."""
 
 import contextlib
 import random
@@ -19,7 +19,7 @@ HALF_LSB_V = 2.75e-3 / 2 + 1e-9
 
 
 def disturb(chance: random.Random, emulator: Mdt693bEmulator) -> str:
-    """Switch one random fault on; its name."""
+    """Switch on one random fault and return its name."""
     kind = chance.choice(
         ["delay", "mute", "hang", "half", "garbage", "stale", "noise", "stall", "unplug", "calm"]
     )
@@ -47,7 +47,7 @@ def disturb(chance: random.Random, emulator: Mdt693bEmulator) -> str:
 
 
 def bring_up(connect: Callable[[], None], after: str) -> None:
-    """Call until it succeeds: the time-outs here are short, and late replies may still come."""
+    """Call until it succeeds: the time-outs here are short, and late replies may still arrive."""
     for _ in range(10):
         with contextlib.suppress(DriverError):
             return connect()
@@ -55,7 +55,7 @@ def bring_up(connect: Callable[[], None], after: str) -> None:
 
 
 def soak(folder, dialect: str, seed: int, steps: int) -> dict[str, int]:
-    """Walk in small steps under faults; how many writes succeeded and failed."""
+    """Walk in small steps under faults; return how many writes succeeded and failed."""
     chance = random.Random(seed)
     moves: list[float] = []
     knobs = Mdt693bKnobs(
@@ -69,7 +69,7 @@ def soak(folder, dialect: str, seed: int, steps: int) -> dict[str, int]:
         driver = Mdt693b(config, sleep=lambda seconds: None)
         bring_up(driver.open, "start")
         for _ in range(steps):
-            # Faults pile up: a late reply may come in while the next set is lost.
+            # Faults accumulate: a late reply may come in while the next set is lost.
             fault = disturb(chance, emulator) if chance.random() < 0.7 else ""
             for _ in range(chance.randint(1, 3)):
                 goal_v = round(driver.output() + chance.uniform(-STEP_V, STEP_V), 3)
@@ -93,14 +93,14 @@ def soak(folder, dialect: str, seed: int, steps: int) -> dict[str, int]:
                 counts["reconnected"] += 1
         driver.close()
     jumps = [abs(b - a) for a, b in zip([50.0, *moves], moves, strict=False)]
-    # A set whose fate is unknown may have been carried out, and the next start from before it.
+    # A set with an unknown result may have been carried out; the next may start from before it.
     assert max(jumps) <= 3 * STEP_V + 0.5
     return counts
 
 
 @pytest.mark.parametrize("dialect", ["1.05", "1.10"])
 def test_no_fault_makes_the_driver_claim_what_is_not_so(tmp_path, dialect):
-    """Six walks side by side, for they mostly wait; the message of a failure names its fault."""
+    """Six walks run in parallel, since they mostly wait; a failure's message names its fault."""
     seeds = range(1, 7)
     for seed in seeds:
         (tmp_path / str(seed)).mkdir()

@@ -35,7 +35,7 @@ def output(emulator: Mdt693bEmulator, axis: str, **settings: object) -> Mdt693b:
 def bench(
     folder: Path, axes: str = "xyz", **knobs: object
 ) -> Iterator[tuple[Mdt693bEmulator, list[Mdt693b]]]:
-    """An emulated unit and an open driver for each of these outputs."""
+    """Yield an emulated unit and an open driver for each of these outputs."""
     with Mdt693bEmulator(folder / "port", Mdt693bKnobs(**FAST | knobs)) as emulator:
         outputs = [output(emulator, axis) for axis in axes]
         try:
@@ -54,7 +54,7 @@ def test_each_output_is_its_own_and_none_moves_another(tmp_path: Path) -> None:
         assert [round(emulator.output_v(a), 1) for a in "xyz"] == [30.0, 40.0, 50.0]
         assert [one.output() for one in outputs] == [30.0, 40.0, 50.0]
         assert [round(one.readback()) for one in outputs] == [30, 40, 50]
-        outputs[0].close()  # the others go on
+        outputs[0].close()  # the others continue
         outputs[1].write(41.0)
         assert emulator.output_v("y") == pytest.approx(41.0, abs=2e-3)
         with pytest.raises(DeviceGone):
@@ -72,7 +72,7 @@ def test_all_three_in_one_command_where_the_firmware_can(
         assert isinstance(outputs[0], Joinable)
         assert len({one.unit_key for one in outputs}) == 1
         z, x, y = outputs[2], outputs[0], outputs[1]
-        joint = z.join([x, y])  # in an order of the loop's own
+        joint = z.join([x, y])  # in the loop's own order
         assert joint.together is together
         if not together:
             return
@@ -85,18 +85,18 @@ def test_all_three_in_one_command_where_the_firmware_can(
         with pytest.raises(OutOfRange):
             joint.write_all([53.0, 31.0, 151.0])
         assert emulator.unit.commands_done == before + 1
-        emulator.unit.registers.max_v["y"] = 60.0  # somebody at the unit
+        emulator.unit.registers.max_v["y"] = 60.0  # somebody changes it at the unit
         with pytest.raises(ProtocolError):
             joint.write_all([10.0, 10.0, 70.0])
         assert [round(emulator.output_v(a)) for a in "xyz"] == [31, 42, 53]
         assert (x.output(), y.output(), z.output()) == (31.0, 42.0, 53.0)
-        joint.write_all([10.0, 11.0, 12.0])  # a refusal leaves the conversation in step
+        joint.write_all([10.0, 11.0, 12.0])  # replies still match commands after a refusal
         assert x.output() == 11.0
 
 
 def test_the_rate_is_that_of_the_outputs_that_are_driven(tmp_path: Path) -> None:
-    """At 4 ms a command: one, two after each other, three in one or after each other. The best of
-    three attempts: a busy machine makes some slower."""
+    """At 4 ms per command: one output, two in sequence, three in one command or in sequence. The
+    best of three attempts counts, since a busy machine slows some down."""
     with bench(tmp_path, latency_s=0.004) as (_, outputs):
         joints = [outputs[0].join(outputs[1:]) for _ in range(3)]
         one, two, three = (max(joint.rate_hz(n) for joint in joints) for n in (1, 2, 3))
@@ -140,7 +140,7 @@ def test_a_lost_link_is_lost_for_all_and_comes_back_for_all(tmp_path: Path) -> N
                 one.reconnect()
         emulator.plug()
         threads = [threading.Thread(target=one.reconnect) for one in (x, y, z)]
-        for thread in threads:  # as the loop's: each device has its own
+        for thread in threads:  # as in the loop: each device has its own
             thread.start()
         for thread in threads:
             thread.join(20.0)
@@ -171,7 +171,7 @@ def test_a_set_without_an_answer_stops_all_until_it_is_known_what_became_of_it(
 
 
 class TestContractBesideOthers(ActuatorContract):
-    """One output fulfils the contract while another one of the unit is driven."""
+    """One output fulfils the contract while another output of the unit is driven."""
 
     @pytest.fixture(autouse=True)
     def unit(self, tmp_path: Path) -> Iterator[None]:

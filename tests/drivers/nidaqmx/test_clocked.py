@@ -1,7 +1,7 @@
 """Voltage input, mean of samples and hardware timing, in both loops, on a stand-in in C.
 
-The stand-in's device has a clock of its own: outputs change at its edges, inputs are sampled at
-them. Behind the output is a stage with hysteresis, whose displacement the input's monitor shows.
+The stand-in's device has a clock of its own: outputs change and inputs are sampled at its edges.
+The output drives a stage with hysteresis, whose displacement is the input's monitor voltage.
 """
 
 import itertools
@@ -27,7 +27,7 @@ from dehyst.drivers.interface import DeviceGone, DeviceTimeout, DriverConfigErro
 from dehyst.drivers.nidaqmx import NidaqmxActuator, NidaqmxSensor
 from dehyst.models.drive_design.scans import scan_raster
 
-pytestmark = pytest.mark.processes  # the compiler
+pytestmark = pytest.mark.processes  # because of the compiler
 PERIOD_NS = 100_000
 ACTUATOR = {"channel": "Dev1/ao0", "clock_hz": 10_000.0, "clock_source": "/Dev1/ai/SampleClock"}
 SENSOR = {"channel": "Dev1/ai0", "input": "voltage", "um_per_v": 1.0 / MONITOR_V_PER_UM,
@@ -54,7 +54,7 @@ def shared_by_contracts(request: pytest.FixtureRequest, standin: Standin) -> Non
 
 
 class Plug:
-    """Unplugging for both contracts."""
+    """Unplugs the device for both contracts."""
 
     standin: Standin
 
@@ -72,7 +72,7 @@ class TestClockedActuator(Plug, ActuatorContract):
         return NidaqmxActuator.from_settings(ACTUATOR)
 
     def true_output(self, device: NidaqmxActuator) -> float:
-        self.time_ns += PERIOD_NS  # the next edge; the stand-in looks when it is called
+        self.time_ns += PERIOD_NS  # the next edge; the stand-in updates when it is called
         probe = NidaqmxSensor.from_settings({"channel": "Dev1/ai9", "um_per_v_per_v": 1.0})
         plugged, self.standin.plugged = self.standin.plugged, True
         clock_hz = self.standin.device.output_hz
@@ -180,14 +180,14 @@ def test_a_failing_read_of_samples_is_the_same_fault_in_both(
 
 
 def stage_in(standin: Standin) -> None:
-    """The stand-in's stage has the hysteresis of the rig's model."""
+    """Give the stand-in's stage the hysteresis of the rig's model."""
     hysteresis = model().hysteresis
     standin.device.r[:] = hysteresis.r
     standin.device.b[:] = hysteresis.b
 
 
 def raster() -> np.ndarray:
-    """Six lines of 8 um at 10 kHz, and the way back, as one trajectory."""
+    """Return six lines of 8 um at 10 kHz, and the return to the start, as one trajectory."""
     scan = scan_raster(8.0, 4.0, 6, 0.04, PERIOD_NS * 1e-9)
     batch = np.zeros(scan.x.size, COMMAND)
     batch["kind"], batch["trajectory"] = LoopCommand.POINT, 1
@@ -198,13 +198,13 @@ def raster() -> np.ndarray:
 
 
 LATE_NS = [0, 30_000, 55_000, 10_000, 42_000]
-"""How late the loop wakes, in turn: before the next edge, and never at an even distance."""
+"""How late the loop wakes, cyclically: before the next edge, at uneven intervals."""
 
 
 def scanned(
     library: str, monkeypatch: pytest.MonkeyPatch, compiled: bool, clocked: bool
 ) -> tuple[np.ndarray, Standin]:
-    """The records of a raster at 10 kHz, and the device behind it."""
+    """Return the records of a raster at 10 kHz, and the device that it ran on."""
     standin = Standin(library, monkeypatch)
     stage_in(standin)
     plain = {"channel": "Dev1/ao0", "max_rate_hz": 10_000.0}
@@ -215,7 +215,7 @@ def scanned(
     standin.device.clock = clock.ctypes.data
     points = raster()
     records = rig.play([points], points.size + 200, compiled)
-    records["cause"] = 0  # why this machine was late is not part of the step
+    records["cause"] = 0  # the cause of this machine's delay is not part of the step
     return records, standin
 
 
@@ -234,13 +234,13 @@ def test_a_raster_in_the_compiled_loop_is_on_its_lines_at_every_edge_of_the_cloc
     assert playing.sum() >= raster().size
     target, measured = records["target"], records["measured"]
     assert np.ptp(target[playing]) > 8.0
-    # a voltage is at the stage at the next edge; five samples of 10 us before a reading lie on
-    # either side of that edge, so that a reading is between this target and the one before
+    # a voltage reaches the stage at the next edge; the five samples of 10 us before a reading are
+    # on both sides of that edge, so the reading lies between this target and the previous one
     pairs = np.stack([target[:-1], target[1:]])
     low, high = pairs.min(axis=0) - NOISE_UM, pairs.max(axis=0) + NOISE_UM
     both = playing[1:] & playing[:-1]
     assert np.all((low <= measured[1:]) & (measured[1:] <= high) | ~both)
-    # the loop wakes at uneven times, and the voltage changes at even ones
+    # the loop wakes at uneven times, but the voltage changes at even ones
     number = int(standin.device.changes)
     last = [(number - 1 - i) % 256 for i in range(200)]
     at_ns = np.array([standin.device.change_ns[i] for i in last])

@@ -1,7 +1,7 @@
 """The NI-DAQmx drivers on a stand-in of the vendor's package.
 
-The stand-in has the names and signatures of nidaqmx 1.0 that the drivers call, and remembers
-what was asked of it. It is no proof for the hardware.
+The stand-in has the names and signatures of nidaqmx 1.0 that the drivers call, and records what it
+is asked. It proves nothing about the hardware.
 """
 
 import inspect
@@ -28,15 +28,15 @@ VOLTAGE = {"channel": "a", "input": "voltage", "um_per_v": 2.0}
 
 
 class Error(Exception):
-    """As nidaqmx.errors.Error."""
+    """Stands in for nidaqmx.errors.Error."""
 
 
 class DaqNotFoundError(Error):
-    """As nidaqmx.errors.DaqNotFoundError: the package without the NI driver."""
+    """Stands in for nidaqmx.errors.DaqNotFoundError: the package without the NI driver."""
 
 
 class DaqError(Error):
-    """As nidaqmx.errors.DaqError."""
+    """Stands in for nidaqmx.errors.DaqError."""
 
     def __init__(self, message: str, error_code: int) -> None:
         super().__init__(message)
@@ -44,7 +44,7 @@ class DaqError(Error):
 
 
 class Vendor:
-    """One simulated device: what stands at its output, what its bridge shows."""
+    """One simulated device: its output voltage, and what its bridge shows."""
 
     installed = True
     plugged = True
@@ -57,7 +57,7 @@ class Vendor:
 
 
 class Task:
-    """As nidaqmx.Task."""
+    """Stands in for nidaqmx.Task."""
 
     def __init__(self) -> None:
         if not Vendor.installed:
@@ -155,7 +155,7 @@ class TestNidaqmxSensor(SensorContract):
 
 
 class TestNidaqmxVoltage(TestNidaqmxSensor):
-    """A monitor of 0 to 10 V that falls with the displacement, the mean of five samples."""
+    """A monitor of 0 to 10 V that falls with the displacement, as a mean of five samples."""
 
     def make(self) -> NidaqmxSensor:
         Vendor.ratio = 7.5
@@ -264,7 +264,7 @@ def test_the_stand_ins_have_the_names_of_the_real_package(monkeypatch: pytest.Mo
 
 
 def test_without_the_package_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "nidaqmx", None)  # what import sees when it is missing
+    monkeypatch.setitem(sys.modules, "nidaqmx", None)  # what import sees if it is missing
     actuator = NidaqmxActuator.from_settings({"channel": "Dev1/ao0"})
     with pytest.raises(DeviceNotFound, match=r"pip install dehyst\[nidaqmx\]"):
         actuator.open()

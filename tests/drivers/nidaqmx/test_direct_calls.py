@@ -20,7 +20,7 @@ from dehyst.drivers.nidaqmx import NidaqmxActuator, NidaqmxSensor
 ACTUATOR = {"channel": "Dev1/ao0", "gain": 15.0, "timeout_s": 0.05}
 SENSOR = {"channel": "Mod1/ai0", "um_per_v_per_v": 8000.0, "zero_v_per_v": 2e-4, "timeout_s": 0.07}
 LOOPS = pytest.mark.parametrize("compiled", [False, True], ids=["python", "compiled"])
-pytestmark = pytest.mark.processes  # the compiler
+pytestmark = pytest.mark.processes  # because of the compiler
 names = (f"daqmx-{i}" for i in itertools.count())
 
 
@@ -69,7 +69,7 @@ def test_a_reading_is_the_one_of_the_python_call(standin: Standin) -> None:
         by_python = [sensor.read() for _ in range(10)]
         standin.device.calls = 0
         assert [direct_calls.read(direct) for _ in range(10)] == by_python
-        # bridge ratio 1e-4 a volt above its zero, 8000 um for each
+        # a bridge ratio of 1e-4 per volt above its zero, times 8000 um
         assert by_python[6] == pytest.approx(volts * 0.8, abs=1e-9)
     assert standin.device.timeout_s == 0.07
 
@@ -132,7 +132,7 @@ def test_a_closed_channel_is_gone_and_serves_again_when_it_is_open(standin: Stan
     assert isinstance(direct_calls.write(write, 30.0), DeviceGone)
     assert isinstance(direct_calls.read(read), DeviceGone)
     assert standin.device.calls == calls
-    standin.device.task = 0xBEEF  # the library gives another handle this time
+    standin.device.task = 0xBEEF  # the library returns another handle this time
     for device in (actuator, sensor):
         device.reconnect()
     assert direct_calls.write(write, 30.0) is None
@@ -160,11 +160,11 @@ def test_both_loops_give_the_same_records(
     for compiled in (False, True):
         standin = Standin(library, monkeypatch)
         devices = opened()
-        standin.device.calls = 0  # how often an input was timed is no part of the step
+        standin.device.calls = 0  # how often an input was timed is not part of the step
         rig = Rig(next(names), mode, [300_000, 0, 1_400_000], devices=devices)
         batches = [setpoint(4.0), setpoint(-3.0), setpoint(9.0), setpoint(2.0)]
         records.append(rig.play(batches, 150, compiled))
-        records[-1]["cause"] = 0  # why this machine was late is not part of the step
+        records[-1]["cause"] = 0  # the cause of this machine's delay is not part of the step
         outputs.append(standin.device.output_v)
     assert records[0].tobytes() == records[1].tobytes()
     assert outputs[0] == outputs[1] == records[1]["volts"][-1] / 15.0
@@ -204,7 +204,7 @@ def test_an_unplugged_device_comes_back(standin: Standin, compiled: bool) -> Non
     ):
         assert time.monotonic() < end_s, "it did not come back"
         rig.play([setpoint(1.0)], 20, compiled)
-        time.sleep(0.01)  # the reconnecting thread lives in real time
+        time.sleep(0.01)  # the reconnecting thread runs in real time
     records = rig.play([setpoint(1.0)], 900, compiled)
     steps = np.abs(np.diff(records["volts"][60:]))
     assert records["volts"][60] == pytest.approx(held * 15.0)

@@ -1,6 +1,6 @@
 """`dehyst run` at 10 kHz on an NI device with its own clock: the daemon's processes, its compiled
 loop in real time, and a raster that a client plays. The device is the stand-in in C, which the
-processes find as NI's package and library are found."""
+processes find in the way that they find NI's package and library."""
 
 import json
 import os
@@ -58,7 +58,7 @@ sample_hz = 100000.0
 
 @pytest.fixture
 def address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """Of a daemon whose NI device is the stand-in, with the hysteresis of its model."""
+    """Yield the address of a daemon on the stand-in, which has its model's hysteresis."""
     compile_library(tmp_path)
     (tmp_path / "nidaqmx.py").write_text(PACKAGE)
     hysteresis = model().hysteresis
@@ -100,6 +100,6 @@ def test_a_raster_is_played_to_its_end_on_its_lines(address: str, tmp_path: Path
     assert "unreachable 0," in said
     rms = re.search(r"tracking error: rms ([\d.e-]+) um", said)
     assert rms, said
-    # the loop that hysteresis opens over 70 V of this stage is 0.6 um wide; a deadline that is
-    # missed on a busy machine costs 0.01 um for each period that the voltage stays
+    # the hysteresis loop over 70 V of this stage is 0.6 um wide; each deadline that a busy machine
+    # misses costs 0.01 um per period for which the voltage is held
     assert float(rms[1]) < 0.1, said

@@ -1,10 +1,10 @@
-"""A vendor's Python package as the tests have it: one amplifier with a gauge."""
+"""A vendor's Python package for the tests: one amplifier with a gauge."""
 
 from typing import Any, ClassVar
 
 
 class Unit:
-    """What is behind every object of this module. calls_s: how long a call lasts."""
+    """The device shared by every object of this module. calls_s: how long a call lasts."""
 
     volts = 20.0
     plugged = True

@@ -1,11 +1,11 @@
-"""A controller that speaks just enough of PI's General Command Set, on a socket."""
+"""A controller on a socket that speaks a minimum of PI's General Command Set."""
 
 import socketserver
 import threading
 
 
 class GcsUnit(socketserver.ThreadingTCPServer):
-    """One axis, "1": volts (SVA) and a position of 0.1 um a volt (POS)."""
+    """One axis, "1": volts (SVA) and a position of 0.1 um per volt (POS)."""
 
     allow_reuse_address = daemon_threads = True
 
@@ -23,7 +23,7 @@ class GcsUnit(socketserver.ThreadingTCPServer):
         self._thread.join()
 
     def answer(self, line: str) -> str:
-        """The reply to a command; "" for none."""
+        """Return the reply to a command, or "" if there is none."""
         match line.split():
             case ["*IDN?"]:
                 return "(c)2013 Physik Instrumente(PI) Karlsruhe, E-709.CHG, 113012345, 1.2.3\n"

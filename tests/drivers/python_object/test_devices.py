@@ -1,4 +1,4 @@
-"""Any Python object as a device: the contracts, names that are wrong, rates, faults, sharing."""
+"""Any Python object as a device: the contracts, wrong names, rates, faults, sharing."""
 
 import math
 from itertools import count
@@ -36,7 +36,7 @@ def unit() -> None:
 
 
 class Plug:
-    """Unplugging for both contracts."""
+    """Unplugs the unit for both contracts."""
 
     def unplug(self, device: Any) -> None:
         Unit.plugged = False
@@ -54,7 +54,7 @@ class TestPythonActuator(Plug, ActuatorContract):
 
 
 class TestPythonActuatorByMethod(Plug, ActuatorContract):
-    """A method with a channel, into an amplifier of gain 15; the object cannot be asked."""
+    """A method with a channel, into an amplifier of gain 15; the object has no readback."""
 
     def make(self) -> PythonActuator:
         settings = {"object": OBJECT, "write": "channel.set_voltage", "write_arguments": (2,)}
@@ -131,7 +131,7 @@ def test_what_the_factory_raises_is_one_line_with_its_arguments() -> None:
 
 
 def ticking(step_s: float) -> Any:
-    """A clock that goes on by this much whenever it is asked."""
+    """Return a clock that advances by step_s with each call."""
     ticks = count()
     return lambda: next(ticks) * step_s
 
@@ -200,7 +200,7 @@ def test_an_amplifier_and_a_sensor_of_one_object_share_it() -> None:
     Unit.plugged = True
     sensor.reconnect()
     assert sensor.read() == pytest.approx(4.0)
-    actuator.reconnect()  # takes the object that the sensor has made
+    actuator.reconnect()  # uses the object that the sensor has made
     assert Unit.made == 2
     actuator.close()
     assert Unit.closed == 0  # it could not be closed while it was unplugged

@@ -1,7 +1,7 @@
 """The recipes of docs/python-object.md, read from the page and run.
 
-PIPython and pymeasure are the packages themselves, on a stand-in of the instrument. qcodes,
-pylablib and pyepics are stand-ins of the package with the names and signatures that it documents.
+PIPython and pymeasure are the real packages, on a stand-in of the instrument. qcodes, pylablib and
+pyepics are stand-ins with the names and signatures that the packages document.
 """
 
 import re
@@ -22,7 +22,7 @@ PAGE = Path(__file__).parents[3] / "docs" / "python-object.md"
 
 
 def recipe(title: str, language: str = "toml") -> str:
-    """The block of a recipe's section."""
+    """Return the code block of a recipe's section."""
     section = PAGE.read_text().split(f"### {title}\n")[1].split("\n## ")[0].split("\n### ")[0]
     found = re.search(rf"```{language}\n(.*?)```", section, re.S)
     assert found, title
@@ -30,7 +30,7 @@ def recipe(title: str, language: str = "toml") -> str:
 
 
 def devices(title: str, **others: Any) -> dict[str, Any]:
-    """Its drivers, opened; others: arguments as they are on this machine."""
+    """Return the recipe's drivers, opened. others: arguments that this machine needs."""
     table, made = tomllib.loads(recipe(title)), {}
     for kind, load in (("actuator", load_actuator), ("sensor", load_sensor)):
         if kind in table:
@@ -79,7 +79,7 @@ def test_pymeasure() -> None:
     adapters = pytest.importorskip("pymeasure.adapters")
 
     class SourceMeter(adapters.Adapter):
-        """What a Keithley 2400 answers to what the recipe asks."""
+        """Answers the recipe's queries as a Keithley 2400 does."""
 
         volts = 1.0
 
@@ -102,7 +102,7 @@ def test_pymeasure() -> None:
 
 
 class Parameter:
-    """As a parameter of qcodes: called with a value it is set, without one it is got."""
+    """Stands in for a parameter of qcodes: a call with a value sets it, without one gets it."""
 
     def __init__(self) -> None:
         self.value = 2.0
@@ -125,7 +125,7 @@ def test_qcodes(monkeypatch: pytest.MonkeyPatch) -> None:
 
         def __getattr__(self, name: str) -> Parameter:
             try:
-                return self.parameters[name]  # as qcodes delegates attributes
+                return self.parameters[name]  # qcodes delegates attributes like this
             except KeyError:
                 raise AttributeError(name) from None
 
@@ -141,7 +141,7 @@ def test_qcodes(monkeypatch: pytest.MonkeyPatch) -> None:
     assert actuator.output() == 30.0
     actuator.write(45.0)
     actuator.reconnect()
-    assert actuator.output() == 30.0  # the stand-in made anew, as it was reported
+    assert actuator.output() == 30.0  # the stand-in is made again, as reported
     actuator.close()
     assert not YokogawaGS200.names
 
@@ -198,7 +198,7 @@ def test_epics(monkeypatch: pytest.MonkeyPatch) -> None:
     actuator.write(33.0)
     assert values["LAB:PIEZO:VOLTS"] == 33.0
     assert sensor.read() == 0.5
-    values["LAB:PIEZO:POSITION"] = None  # what pyepics gives while it is not connected
+    values["LAB:PIEZO:POSITION"] = None  # what pyepics returns while it is not connected
     with pytest.raises(ProtocolError, match="get returned None"):
         sensor.read()
     sensor.close()

@@ -1,4 +1,4 @@
-"""A simulated stage with several axes: each its own, coupling both ways, one time for all."""
+"""A simulated stage with several axes: each its own, coupling both ways, a common time."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ QUIET = {"sensor_noise_um": 0.0, "adc_step_um": 0.0}
 
 
 def test_one_axis_is_the_stage_itself() -> None:
-    """Bit for bit, noise too."""
+    """It agrees bit for bit, including the noise."""
     plain, one = (
         SimulatedStage(StageSettings(seed=3)),
         Platform({"x": StageSettings(seed=3)}).axes["x"],
@@ -51,8 +51,8 @@ def test_each_axis_moves_the_others_by_its_own_motion() -> None:
 
 
 def test_the_platforms_mode_rings_at_its_frequency() -> None:
-    """A step of y shakes x by the step response of a mode of that frequency and damping, as late as
-    the axes are taken together."""
+    """A step of y excites x by the step response of a mode of that frequency and damping, delayed
+    by the time step at which the axes are coupled."""
     bench = Platform(
         {
             "x": StageSettings(
@@ -113,19 +113,19 @@ def test_virtual_time_passes_when_all_axes_are_written() -> None:
         pairs["y"][0].write(5.0 * sample)
         assert stage.time_s == pytest.approx((sample + 1) * 1e-3)
     pairs["x"][0].write(1.0)
-    pairs["x"][0].write(2.0)  # once more, before the other: its own sample is over
+    pairs["x"][0].write(2.0)  # written again before the other axis: its own sample is over
     assert stage.time_s == pytest.approx(6e-3)
     pairs["y"][0].write(2.0)
     assert "axis y" in pairs["y"][0].spec.identity
     pairs["y"][0].close()
-    pairs["x"][0].write(1.0)  # the other amplifier is not open: nobody waits for it
+    pairs["x"][0].write(1.0)  # the other amplifier is closed, so nothing waits for it
     assert stage.time_s == pytest.approx(8e-3)
     for device in (*pairs["x"], *pairs["y"]):
         device.close()
 
 
 def test_compiled_calls_are_the_python_calls() -> None:
-    """Two stages of one kind, one by C function, one by Python: the same readings bit for bit."""
+    """Two stages of one kind, one by C function, one by Python, give the same readings exactly."""
     shown = []
     for stage in ("by python", "by address"):
         pairs = {}

@@ -58,7 +58,7 @@ def pair(stage: str, settings: dict[str, Any], **clock: Any) -> tuple:
 
 
 def test_virtual_time_is_the_stage_itself() -> None:
-    """Reading, then writing, at a period: bit for bit what SimulatedStage.run gives."""
+    """Reading, then writing, once a period gives exactly what SimulatedStage.run gives."""
     actuator, sensor = pair("virtual", {"period_s": 1e-3, "seed": 7, "rc_tau_s": 1e-3})
     volts = 75 - 75 * np.cos(2 * np.pi * 5 * np.arange(300) * 1e-3)
     shown = []

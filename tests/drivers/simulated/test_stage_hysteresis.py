@@ -12,7 +12,7 @@ ONLY = StageSettings().quiet(hysteresis_width=0.12, asymmetry=0.15)
 
 
 def plain(slip: maxwell_slip.Slip, asymmetry: float, x: np.ndarray) -> np.ndarray:
-    """Maxwell-slip as its definition says, element by element and without numba."""
+    """Run Maxwell-slip by its definition, element by element and without numba."""
     out = []
     stretch = [0.0] * len(slip.d)
     before = 0.0
@@ -43,7 +43,7 @@ def test_against_a_plain_loop() -> None:
 
 
 def loop_width(low: float, high: float) -> float:
-    """Widest place of the second full loop between two voltages, as a share of its stroke."""
+    """Return the greatest width of the second full loop between two voltages over its stroke."""
     up = np.linspace(low, high, 300)
     volts = np.concatenate([up, up[::-1], up, up[::-1], [0.0]])
     true_um, _ = SimulatedStage(ONLY).run(np.arange(volts.size) * 1e-3, volts)
@@ -56,7 +56,7 @@ def test_loop_widths_of_a_real_stack() -> None:
     assert loop_width(0, 150) == pytest.approx(0.12, abs=0.002)
     assert 0.10 < loop_width(0, 150) < 0.15
     assert loop_width(67.5, 82.5) == pytest.approx(0.025, abs=0.01)  # a tenth of the range
-    # minor loops depend on where they lie: no Prandtl-Ishlinskii model does that
+    # minor loops depend on their position, which no Prandtl-Ishlinskii model gives
     assert loop_width(130, 145) > 1.15 * loop_width(67.5, 82.5)
 
 
@@ -101,7 +101,7 @@ def test_creep_follows_the_logarithmic_law() -> None:
     t = np.concatenate([[0.0], np.geomspace(0.05, 2000.0, 120)])
     y, _ = stage.run(t, np.full(t.size, 100.0))
     expected = 11.6 * (1 + gain * np.log10(t[1:] / 0.1))
-    assert np.abs(y[1:] - expected).max() < 0.06 * gain * 11.6  # 6 % of one decade's creep
+    assert np.abs(y[1:] - expected).max() < 0.06 * gain * 11.6  # 6 % of the creep in one decade
     assert y[np.searchsorted(t, 0.1)] == pytest.approx(11.6, rel=5e-4)
 
 

@@ -1,4 +1,4 @@
-"""The stage's linear parts against closed forms and scipy's simulation of the same circuit."""
+"""The stage's linear parts, compared with closed forms and scipy's simulation of the circuit."""
 
 import math
 
@@ -67,7 +67,7 @@ def test_dac_step_rounds_to_the_nearest() -> None:
 
 
 def reference(stage: StageSettings, t: np.ndarray, volts: np.ndarray, fine: int) -> np.ndarray:
-    """RC, mode with a share, and sensor filter as one transfer function, by scipy."""
+    """Return RC, mode with a share, and sensor filter as one transfer function, by scipy."""
     w = 2 * math.pi * stage.mode_hz
     second = np.array([1.0, 2 * stage.mode_damping * w, w * w])
     numerator = (1 - stage.mode_share) * second
@@ -95,7 +95,7 @@ def test_rc_mode_and_bridge_against_lsim(dt_s: float) -> None:
 
 
 def test_sub_steps_do_not_change_the_answer() -> None:
-    """The same second in steps of 10 ms and of 0.1 ms."""
+    """The same 0.3 s are run in steps of 10 ms and of 0.1 ms."""
     coarse, fine = SimulatedStage(), SimulatedStage()
     for n in range(30):
         volts = 40.0 if n % 10 < 5 else 90.0
@@ -111,7 +111,7 @@ def test_long_rest_is_one_step_and_stable() -> None:
     before = stage.displacement_um
     stage.advance(86400.0)
     grown = stage.displacement_um / before - 1
-    # 0.012 a decade over log10(86401); the operator ends at 3e4 s
+    # 0.012 per decade over log10(86401); the operator ends at 3e4 s
     assert grown == pytest.approx(0.012 * math.log10(3e4), rel=0.15)
 
 

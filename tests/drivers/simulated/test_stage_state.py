@@ -50,7 +50,7 @@ def test_advance_to_follows_a_clock() -> None:
     stage.advance_to(5_000_000_000, 100.0)  # the origin of time
     stage.advance_to(5_001_000_000)
     assert stage.drive_v == pytest.approx(100 * (1 - math.exp(-1)))
-    stage.advance_to(4_000_000_000)  # a time in the past lets no time pass
+    stage.advance_to(4_000_000_000)  # a time in the past does not advance it
     assert stage.time_s == pytest.approx(1e-3)
 
 
