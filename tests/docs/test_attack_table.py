@@ -1,5 +1,5 @@
-"""Each row of docs/attack-table.md is held by tests that exist, and a deliberate mistake shows that
-they notice it."""
+"""Every row of docs/attack-table.md names existing tests, and a deliberate mistake shows that they
+fail when they should."""
 
 import re
 from pathlib import Path
@@ -13,7 +13,7 @@ TABLE = (ROOT / "docs" / "attack-table.md").read_text()
 
 
 class Row(NamedTuple):
-    """A row: its number, and the tests that hold it as (file, name or "")."""
+    """A row: its number, and the tests that cover it, as (file, name or "")."""
 
     number: str
     tests: tuple[tuple[str, str], ...]
@@ -28,7 +28,7 @@ def rows() -> list[Row]:
         for quoted in re.findall(r"`([^`]*)`", shown):
             before, _, name = quoted.partition("::")
             if quoted.startswith("python "):
-                continue  # a benchmark beside the tests
+                continue  # a benchmark in addition to the tests
             file = before or file
             tests.append((file if file.startswith("tests/") else f"tests/daemon/{file}", name))
         found.append(Row(number, tuple(tests)))
@@ -39,12 +39,12 @@ ROWS = rows()
 
 
 MISTAKEN = {test.split("[")[0] for room in ROOMS.values() for one in room for test in one.tests}
-"""What notices some deliberate mistake."""
+"""Tests that must notice some deliberate mistake."""
 
 
 def has_mistake(file: str, name: str) -> bool:
-    """Whether a mistake is for this test or its whole file; a file without a name: for any test of
-    it."""
+    """Return whether a deliberate mistake names this test or its whole file; for a file without a
+    test name, whether one names any test of it."""
     if name:
         return not MISTAKEN.isdisjoint({file, f"{file}::{name}"})
     return any(test.partition("::")[0] == file for test in MISTAKEN)

@@ -1,8 +1,8 @@
 """Every command and snippet of README and docs is run, against one real `dehyst run`.
 
-A block of shell is run line by line in one folder, a block of Python as a program, a block of a
-configuration is read on top of a real one. The blocks of a tutorial share a folder. What only a
-stage, another machine or root can do is in LEFT_OUT, with the reason; at most MOST_LEFT_OUT.
+A block of shell is run line by line in one folder, a block of Python as a program; a block of
+configuration is added to a real one and read. The blocks of a tutorial share a folder. Blocks that
+need a stage, another machine or root are in LEFT_OUT, with the reason; at most MOST_LEFT_OUT.
 """
 
 import os
@@ -41,12 +41,12 @@ LEFT_OUT = {
     "tested on the loopback in tests/daemon/bus",
     ("docs/epics.md", "export EPICS_CA_ADDR_LIST"): "the command-line tools of EPICS base",
 }
-"""(page, how the block begins) -> why it is not run."""
+"""(page, beginning of the block) -> why it is not run."""
 TUTORIALS = "docs/tutorials/"
 NOT_PROGRAMS = ("docs/architecture.md models/", "docs/loop-states.md           target")
 SECONDS = {"--for 10": "--for 1", "--for 60": "--for 1", "--wait 60": "--wait 1"}
 LONG = ("run", "watch", "page", "epics", "serve", "emulate", "gateway")
-"""Commands that run until they are ended; `record` and `watch` without --for too."""
+"""Commands that run until they are ended, like `record` and `watch` without --for."""
 EXPECTED = {
     "dehyst accept": (1, 2),
     "dehyst reject": (1, 2),
@@ -56,8 +56,8 @@ EXPECTED = {
     "dehyst status": (0, 1),
     "dehyst identify": (0, 1),
 }
-"""Exit codes that may come: there is no offer, and a report only where a busy machine was flagged;
-a model may be worse than it claims, or lack something; a busy machine misses deadlines."""
+"""Allowed exit codes: there is no offer, and a report only if a busy machine was flagged; a model
+may be worse than it claims, or lack something; a busy machine misses deadlines."""
 
 
 class Block(NamedTuple):
@@ -73,12 +73,12 @@ class Block(NamedTuple):
 
 
 def blocks() -> list[Block]:
-    """All blocks of README and docs that are commands, programs or configurations."""
+    """Return all blocks of README and docs that are commands, programs or configurations."""
     found = []
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
         text, name = path.read_text(), str(path.relative_to(ROOT))
         if path.name in ("measured.md", "noticed.md", "reference-commands.md"):
-            continue  # made from code and benchmarks; the examples of help are below
+            continue  # generated from code and benchmarks; the examples in help texts follow below
         for m in re.finditer(r"^( *)```(\w*)[^\n]*\n(.*?)^ *```", text, re.S | re.M):
             body = re.sub(rf"^{m[1]}", "", m[3], flags=re.M)
             if not f"{name} {body}".startswith(NOT_PROGRAMS) and not body.startswith("{"):
@@ -102,7 +102,7 @@ class MyGauge(SimulatedSensor):
 
 
 def recordings(folder: Path) -> tuple[str, ...]:
-    """Recordings of the simulated stage: one that identifies, another drive, one with a hold."""
+    """Record the simulated stage: for identification, with another drive, and with a hold."""
     made = []
     for name, seconds in (("run.csv", 12.0), ("another.csv", 10.0), ("holds.csv", 14.0)):
         t_s, volts = exploring_drive(seconds=seconds)
@@ -117,7 +117,7 @@ def recordings(folder: Path) -> tuple[str, ...]:
 
 
 class Desk:
-    """A folder as a user would have it, a daemon that runs, and units at two ports."""
+    """A folder like a user's, a running daemon, and units at two ports."""
 
     def __init__(self, folder: Path) -> None:
         self.top, self.number = folder, 0
@@ -140,15 +140,14 @@ class Desk:
         self.page = ""
 
     def fresh(self, block: Block) -> None:
-        """A folder of its own for a block, or for all blocks of a tutorial, with what the snippets
-        take for given."""
+        """Make a folder with the files that the snippets assume: per block, or per tutorial."""
         before, self.page = self.page, block.page
         if block.page.startswith(TUTORIALS) and block.page == before:
             return
         self.number += 1
         self.folder = self.top / f"block-{self.number}"
         self.folder.mkdir()
-        # the units that a controller of this name knows are those of this block alone
+        # a controller of this name only finds the units of this block
         (self.folder / "runtime").mkdir(mode=0o700)
         self.env["XDG_RUNTIME_DIR"] = str(self.folder / "runtime")
         for name in ("docs", "systemd", "daemon", "drivers", "models", ".git"):
@@ -167,12 +166,12 @@ class Desk:
         (self.folder / "page-passwords").chmod(0o600)
 
     def shell(self, line: str) -> str:
-        """A line as it is typed here: these ports, and seconds that a test can wait for."""
+        """Return a line as it is run here: with these ports, and shorter times."""
         for old, new in (SECONDS | self._paths()).items():
             line = line.replace(old, new)
         if "setup" in line and "--until" not in line:
             until = "configuration" if self.page.startswith(TUTORIALS) else "limits"
-            line += f" --until {until}"  # tests/daemon/setup goes on from there
+            line += f" --until {until}"  # tests/daemon/setup continues from there
             line += "" if "--yes" in line else " --yes --range 0 100"
             if "--emulated" not in line and "--ports" not in line:
                 line += f" --ports {self.units.ports['mdt693b']} {self.units.ports['ksg101']}"
@@ -191,7 +190,7 @@ class Desk:
         }
 
     def close(self) -> None:
-        """End everything."""
+        """Stop the daemon and the units."""
         self.daemon.send_signal(signal.SIGTERM)
         self.daemon.wait(60.0)
         self.units.close()
@@ -207,13 +206,13 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
 
 
 def run_shell(desk: Desk, text: str) -> None:
-    """Run the lines of a block; each ends with the exit code that it should."""
+    """Run the lines of a block, and check the exit code of each."""
     for line in text.replace("\\\n", " ").splitlines():
         command = re.sub(r"\s+#.*", "", line).strip()
         if not command or command.startswith("#"):
             continue
         if re.fullmatch(r"dehyst run( --listen \S+| --config stage-1/\S+)?", command):
-            continue  # the daemon of this desk
+            continue  # the daemon of this desk is used instead
         command = desk.shell(command)
         words = shlex.split(command) if "'" not in command and "|" not in command else []
         if words[:2] and words[0] == "dehyst" and words[1] in ("page", "serve", "epics"):
@@ -229,7 +228,7 @@ def run_shell(desk: Desk, text: str) -> None:
             and "--list" not in words
         ) or "router.py" in command
         allowed = next((c for b, c in EXPECTED.items() if command.startswith(b)), (0,))
-        # of its own session: a signal of the test ends the command, not the test
+        # in its own session: a signal of the test ends the command, not the test
         process = subprocess.Popen(
             ["bash", "-c", f"exec {command}" if lasting else command],
             cwd=desk.folder, env=desk.env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
@@ -257,7 +256,7 @@ PRELUDES = {
 
 
 def run_python(desk: Desk, block: Block, tmp_path: Path) -> None:
-    """A program, and the server or the controller that its page starts before it."""
+    """Run a program, after the server or controller that its page starts first."""
     env, text = dict(desk.env), PRELUDES.get(block.page, "") + block.text
     with ExitStack() as held:
         if "Group(" in text:
@@ -297,7 +296,7 @@ def run_python(desk: Desk, block: Block, tmp_path: Path) -> None:
 
 
 def serve(desk: Desk, held: ExitStack, *command: str) -> None:
-    """A server of the product, until the program is over."""
+    """Run one of the product's servers until the program has ended."""
     process = dehyst(
         *command, "--connect", desk.address, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     )
@@ -305,11 +304,11 @@ def serve(desk: Desk, held: ExitStack, *command: str) -> None:
     held.callback(process.stderr.close)
     held.callback(process.wait, 30.0)
     held.callback(process.send_signal, signal.SIGTERM)
-    process.stderr.readline()  # it says where it listens
+    process.stderr.readline()  # wait for the line that says where it listens
 
 
 def read_configuration(desk: Desk, block: Block) -> None:
-    """A whole configuration as it is, a section on top of the one that runs."""
+    """Read a whole configuration as it is, or a section added to the running one."""
     given = tomllib.loads(block.text)
     if "project" in given:
         return

@@ -28,8 +28,8 @@ ROOT = Path(__file__).resolve().parents[2]
 LONGEST_S = 5
 MOST_BYTES = 1 << 30
 PATIENCE_S = 600.0
-"""Beyond its time, for a target's start: it compiles kernels and reads the valid inputs, some in a
-process of their own, which takes minutes where other work has the processors."""
+"""Extra time for a target's start: it compiles kernels and reads the valid inputs, some in a
+separate process, which takes minutes if other work uses the processors."""
 
 
 class TooLong(BaseException):
@@ -37,7 +37,7 @@ class TooLong(BaseException):
 
 
 class Case:
-    """One target in this process: runs inputs, keeps findings, tells how far it is."""
+    """One target in this process: runs inputs, keeps findings, reports progress."""
 
     def __init__(self, name: str, kept: Path) -> None:
         from tests.fuzz.files import refusal
@@ -55,7 +55,7 @@ class Case:
         raise TooLong(f"more than {LONGEST_S} s")
 
     def once(self, data: bytes) -> str:
-        """Run one input; what it led to."""
+        """Run one input and return its outcome."""
         self.inputs += 1
         begun = time.process_time()
         signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
@@ -87,13 +87,13 @@ class Case:
         return what
 
     def tell_now_and_then(self, path: Path) -> None:
-        """Leave the counts for the parent, once a second."""
+        """Write the counts for the parent, once a second."""
         if time.monotonic() >= self.reported_s + 1.0:
             self.reported_s = time.monotonic()
             self.tell(path)
 
     def tell(self, path: Path) -> None:
-        """Leave the counts for the parent."""
+        """Write the counts for the parent."""
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
         reported = {
             "inputs": self.inputs, "accepted": self.accepted, "findings": self.findings,
@@ -107,7 +107,7 @@ class Case:
 
 
 def child(name: str, seconds: float, seed: int, reported: Path, kept: Path, plain: bool) -> None:
-    """Entry of a target's process."""
+    """Run a target: the entry point of its process."""
     from tests.fuzz import targets
 
     case = Case(name, kept)
@@ -136,7 +136,7 @@ def child(name: str, seconds: float, seed: int, reported: Path, kept: Path, plai
 
 
 def atheris_run(atheris: Any, case: Case, seconds: float, seed: int, reported: Path) -> None:
-    """Coverage-guided; ends the process."""
+    """Run the target guided by coverage; this ends the process."""
     import gc
 
     count = 0
@@ -155,7 +155,7 @@ def atheris_run(atheris: Any, case: Case, seconds: float, seed: int, reported: P
 
     def one(data: bytes) -> None:
         case.once(data)
-        case.tell_now_and_then(reported)  # the library ends the process without a word
+        case.tell_now_and_then(reported)  # the library ends the process without notice
 
     options = [
         f"-max_total_time={round(seconds)}",
@@ -169,7 +169,7 @@ def atheris_run(atheris: Any, case: Case, seconds: float, seed: int, reported: P
 
 
 def one_target(name: str, seconds: float, o: argparse.Namespace, folder: Path) -> dict[str, Any]:
-    """Run a target's process; what it reported. A crash of the process is a finding too."""
+    """Run a target's process and return its report. A crash of the process is a finding too."""
     reported = folder / f"{name}.json"
     command = [sys.executable, "-m", "tests.fuzz", "--child", name, "--for", str(seconds)]
     command += ["--seed", str(o.seed), "--reported", str(reported), "--kept", str(o.kept)]
@@ -195,7 +195,7 @@ def one_target(name: str, seconds: float, o: argparse.Namespace, folder: Path) -
 
 
 def main() -> int:
-    """Print a row for each target; 1 where something was found."""
+    """Print a row for each target; return 1 if something was found."""
     parser = argparse.ArgumentParser(
         prog="python -m tests.fuzz", description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -1,4 +1,4 @@
-"""Files from outside as functions of bytes: recordings of every kind, cut ones, kept cases."""
+"""External files as functions of bytes: recordings of every kind, truncated ones, kept cases."""
 
 import os
 import tempfile
@@ -27,18 +27,18 @@ READERS: tuple[Callable[..., Any], ...] = (recordings.read_recording, recordings
 GROWN = ("a.csv", "a.csv.gz", "a.npz", "a.mcap")
 
 refusal: list[str] = []
-"""What was said last."""
+"""The last refusal."""
 
 
 def file(name: str, data: bytes) -> Path:
-    """A file with these bytes."""
+    """Write these bytes to a file and return its path."""
     path = FOLDER / name
     path.write_bytes(data)
     return path
 
 
 def require_one_line(error: BadInput) -> None:
-    """What is said of a file that is refused fits into a line."""
+    """Check that the refusal of a file fits into a line."""
     refusal[:] = [str(error)]
     assert "\n" not in str(error)
     assert len(str(error)) < 1000
@@ -53,7 +53,7 @@ def tables(
     reading: ReadOptions = READINGS[0],
     readers: tuple[Callable[..., Any], ...] = READERS,
 ) -> bool:
-    """Read it as a recording and as a trajectory: nothing but BadInput, no warning either."""
+    """Read it as a recording and as a trajectory: only BadInput may occur, and no warning."""
     read = 0
     for reader in readers:
         try:
@@ -66,23 +66,23 @@ def tables(
         assert np.all(np.isfinite(table.t_s))
         assert np.all(np.diff(table.t_s) > 0)
         words = (table.name, table.read, *table.channels, *_notes(table))
-        "".join(map(str, words)).encode()  # as they are written beside what is converted
+        "".join(map(str, words)).encode()  # as they are written next to a converted file
         read += 1
     return read > 0
 
 
 def text(data: bytes) -> bool:
-    """Text of another program; the first byte says what the user says of it."""
+    """Read text of another program; the first byte selects what the user says about it."""
     return bool(data) and tables(file("a.txt", data[1:]), READINGS[data[0] % len(READINGS)])
 
 
 def npy(data: bytes) -> bool:
-    """numpy's array."""
+    """Read a numpy array."""
     return bool(data) and tables(file("a.npy", data[1:]), READINGS[data[0] % len(READINGS)])
 
 
 def unfinished(data: bytes) -> bool:
-    """A recording whose writer was killed; the first byte says of which kind."""
+    """Read a recording whose writer was killed; the first byte selects its kind."""
     if not data:
         return False
     try:
@@ -99,7 +99,7 @@ def unfinished(data: bytes) -> bool:
 
 
 def case(data: bytes) -> bool:
-    """What is kept of a mismatch, and the notes beside a recording."""
+    """Read the record that is kept of a mismatch, and the notes next to a recording."""
     kinds = {cases.CASE: cases.Case, cases.EXAMINED: cases.Examined, cases.DECIDED: cases.Decided}
     found = 0
     for name, kind in kinds.items():
@@ -125,7 +125,7 @@ TEXTS = (
 
 
 def npy_seeds() -> tuple[bytes, ...]:
-    """Arrays with and without names."""
+    """Return arrays with and without names."""
     path = FOLDER / "seed.npy"
     np.save(path, np.stack([T, U, Y], axis=1))
     plain = path.read_bytes()
@@ -136,7 +136,7 @@ def npy_seeds() -> tuple[bytes, ...]:
 
 
 def grown_seeds() -> tuple[bytes, ...]:
-    """Each kind as it is before it is closed."""
+    """Return a file of each kind before it is closed."""
     out: list[bytes] = []
     for i, name in enumerate(GROWN):
         path = FOLDER / name

@@ -1,7 +1,7 @@
-"""Mutations of valid inputs, for where no coverage-guided fuzzer is installed.
+"""Mutations of valid inputs, for use without a coverage-guided fuzzer.
 
-What an input led to (accepted, or the words of the refusal without their numbers) stands in for
-coverage: an input that led to something new joins the corpus.
+The outcome of an input (accepted, or the refusal's text without numbers) replaces coverage: an
+input with a new outcome joins the corpus.
 """
 
 import random
@@ -15,7 +15,7 @@ CORPUS = 4000
 
 
 def signature(outcome: str) -> str:
-    """An outcome without what differs from input to input."""
+    """Return an outcome without the parts that differ from input to input."""
     return re.sub(r"[0-9'\"]+|0x[0-9a-f]+", "", outcome)[:120]
 
 
@@ -29,14 +29,14 @@ class Mutator:
         self._seen: set[str] = set()
 
     def next(self) -> bytes:
-        """One input."""
+        """Return the next input."""
         data = bytearray(self.random.choice(self.corpus))
         for _ in range(self.random.choice((1, 1, 1, 2, 4, 8, 32))):
             self._once(data)
         return bytes(data[:LONGEST])
 
     def saw(self, data: bytes, outcome: str) -> None:
-        """Learn what an input led to."""
+        """Learn the outcome of an input."""
         mark = signature(outcome)
         if mark not in self._seen and len(self.corpus) < CORPUS:
             self._seen.add(mark)

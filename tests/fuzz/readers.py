@@ -1,8 +1,8 @@
-"""Files that a library reads, each kind a target of its own.
+"""Files that a library reads, each kind as its own target.
 
-The product starts a process for each such file, which takes a second; here that process is a fork
-of this one, which has the libraries already and reads one file after the other until one ends it.
-The rest is the product's own: the bounds, the answer and what is made of it.
+The product starts a process for each such file, which takes a second; here it is a fork of this
+process, which has the libraries loaded and reads one file after another until one ends it.
+Everything else is the product's own code: the bounds, the answer and its evaluation.
 """
 
 import io
@@ -29,13 +29,13 @@ from dehyst.drivers import system
 from dehyst.models.errors import BadRecording
 
 LONGEST_S = 2
-"""Of processor time for a file of at most 64 KB, a fifth of what the product gives one."""
+"""Limit of processor time [s] for a file of at most 64 KB, a fifth of the product's limit."""
 OWN_FAULT = 99
 MOST_FILES = 500
-"""Of one process: what libraries leave behind of damaged files grows."""
+"""Most files that one process reads: memory that libraries leak on damaged files accumulates."""
 IN_PIECES = 128
 PART = b"\n--part "
-"""Before the name of a member of an archive that is given in pieces."""
+"""Precedes the name of a member of an archive that is given in pieces."""
 T, U, Y = files.T, files.U, files.Y
 COLUMNS = {"t_s": T, "u_v": U, "y_um": Y}
 
@@ -45,7 +45,7 @@ class OwnFault(Exception):
 
 
 class Reader:
-    """A fork of this process that reads files one after the other, until one of them ends it."""
+    """A fork of this process that reads files one after another, until one of them ends it."""
 
     def __init__(self) -> None:
         self.said = [tempfile.TemporaryFile(buffering=0), tempfile.TemporaryFile(buffering=0)]  # noqa: SIM115 - kept
@@ -60,7 +60,7 @@ class Reader:
         os.close(answered)
 
     def _serve(self, asked: int, answered: int) -> None:
-        """Never returns."""
+        """Read files on request; never return."""
         try:
             for number, file in enumerate(self.said, 1):
                 os.dup2(file.fileno(), number)
@@ -80,8 +80,8 @@ class Reader:
             os._exit(1)
 
     def read(self, path: Path, target: Path) -> subprocess.CompletedProcess[str]:
-        """What became of one file."""
-        for file in self.said:  # their places are the child's too
+        """Read one file and return the outcome."""
+        for file in self.said:  # the child shares the file positions
             file.seek(0)
             file.truncate()
         os.write(self._ask, f"{path}\n{target}".encode())
@@ -99,7 +99,7 @@ class Reader:
         return subprocess.CompletedProcess([], code, *texts)
 
     def end(self) -> int:
-        """Its exit status, negative for a signal."""
+        """End the child and return its exit status, negative for a signal."""
         self.left = 0
         os.close(self._ask)
         os.close(self._answer)
@@ -110,7 +110,7 @@ _running: list[Reader] = []
 
 
 def read_in_fork(path: Path, target: Path) -> subprocess.CompletedProcess[str]:
-    """In place of apart.start_reader."""
+    """Replaces apart.start_reader."""
     if _running and not _running[0].left:
         for file in _running.pop().said:
             file.close()
@@ -124,7 +124,7 @@ def read_in_fork(path: Path, target: Path) -> subprocess.CompletedProcess[str]:
 
 
 def _read(path: str, target: str) -> int:
-    """The exit status that a process would have had."""
+    """Return the exit status that a process would have had."""
     code = 0
     try:
         apart.main(path, target)
@@ -139,7 +139,7 @@ def _read(path: str, target: str) -> int:
 
 
 def _judged(read: Callable[[Path], Sheet], path: Path) -> Sheet:
-    """What the reader reads; told apart is an error of dehyst's own making."""
+    """Call the reader, and report errors in dehyst's own code separately."""
     try:
         return read(path)
     except (BadRecording, MemoryError):
@@ -154,8 +154,8 @@ def _judged(read: Callable[[Path], Sheet], path: Path) -> Sheet:
 
 
 def reader_of(suffix: str) -> Callable[[bytes], bool]:
-    """The target of one kind; the first byte says as what it is read, what the user says of it
-    and, of an archive, whether its members follow in pieces."""
+    """Return the target of one kind. The first byte selects how it is read, what the user says
+    about it and, for an archive, whether its members follow in pieces."""
 
     def run(data: bytes) -> bool:
         if not data:
@@ -164,7 +164,7 @@ def reader_of(suffix: str) -> Callable[[bytes], bool]:
         if suffix == ".xlsx" and kind >= IN_PIECES:
             inside = packed(inside)
         path = files.FOLDER / f"a{suffix}"
-        path.unlink(missing_ok=True)  # h5py takes what is left open of the one before for this one
+        path.unlink(missing_ok=True)  # otherwise h5py reuses the previous file, still open
         path.write_bytes(inside)
         reading = files.READINGS[kind % len(files.READINGS)]
         return files.tables(path, reading, files.READERS[kind // len(files.READINGS) % 2 :][:1])
@@ -173,7 +173,7 @@ def reader_of(suffix: str) -> Callable[[bytes], bool]:
 
 
 def packed(data: bytes) -> bytes:
-    """An archive of the members in `data`, with the sums that belong to them."""
+    """Return an archive of the members in `data`, with correct checksums."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w") as archive:
         for part in data.split(PART)[1:]:
@@ -185,7 +185,7 @@ def packed(data: bytes) -> bytes:
 
 
 def unpacked(data: bytes) -> bytes:
-    """The members of an archive in pieces."""
+    """Return the members of an archive in pieces."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         return b"".join(PART + n.encode() + b"\n" + archive.read(n) for n in archive.namelist())
 
@@ -199,7 +199,7 @@ def _written(name: str, write: Callable[[Path], object]) -> bytes:
 
 
 def mat_seeds() -> tuple[bytes, ...]:
-    """Version 4, 6, 7 and, as HDF5 behind MATLAB's head, 7.3; plain, nested, with texts."""
+    """Return versions 4, 6, 7 and 7.3 (HDF5 after MATLAB's header); plain, nested, with texts."""
     from scipy.io import savemat
 
     nested = {"run": {**COLUMNS, "note": "slow", "cells": np.array([1, "b"], dtype=object)}}
@@ -228,7 +228,7 @@ def mat_seeds() -> tuple[bytes, ...]:
 
 
 def hdf5_seeds() -> tuple[bytes, ...]:
-    """The old and the new layout of the file; groups, units, texts, compressed and empty ones."""
+    """Return the old and new file layout, with groups, units, texts, compressed and empty ones."""
     import h5py
 
     def write(path: Path, **layout: Any) -> None:
@@ -262,7 +262,7 @@ def hdf5_seeds() -> tuple[bytes, ...]:
 
 
 def xlsx_seeds() -> tuple[bytes, ...]:
-    """A sheet, and two with a preamble, a clock and a formula; packed, and in pieces."""
+    """Return a sheet, and two with a preamble, a clock and a formula; packed, and in pieces."""
     from datetime import datetime, timedelta
 
     import openpyxl
@@ -296,7 +296,7 @@ def xlsx_seeds() -> tuple[bytes, ...]:
 
 
 def tdms_seeds() -> tuple[bytes, ...]:
-    """Times as a channel, as a waveform's period, as moments; several segments and groups."""
+    """Return times as a channel, as a waveform's period, as dates; several segments and groups."""
     from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 
     def plain(path: Path) -> None:
@@ -329,7 +329,7 @@ def tdms_seeds() -> tuple[bytes, ...]:
 
 
 def parquet_seeds() -> tuple[bytes, ...]:
-    """Plain, packed, with moments, missing values, texts and nested columns."""
+    """Return plain and packed tables, with dates, missing values, texts and nested columns."""
     import pyarrow as pa
     from pyarrow.parquet import write_table
 
@@ -374,14 +374,14 @@ WORDS: dict[str, tuple[bytes, ...]] = {
 
 
 def seeds_of(suffix: str) -> tuple[bytes, ...]:
-    """The valid files of a kind as they are, the first one with every word of a user too."""
+    """Return the valid files of a kind, and the first one with every option of a user."""
     made = SEEDS[suffix]()
     ways = len(files.READINGS) * len(files.READERS)
     return (*made, *(bytes([i]) + made[0][1:] for i in range(1, ways)))
 
 
 def load_libraries() -> None:
-    """Have the libraries in this process, as the reader imports them before it bounds itself."""
+    """Load the libraries into this process, as the reader does before it limits itself."""
     for _, library, _ in apart.NEEDS.values():
         import_module(library)
     for name in ("scipy.io", "scipy.io.matlab", "pyarrow.parquet"):

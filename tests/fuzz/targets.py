@@ -1,6 +1,5 @@
-"""What comes from outside, as functions of bytes: each takes one input and lets out nothing but an
-unexpected error. A documented refusal is caught here; an input that is accepted is checked.
-"""
+"""External inputs as functions of bytes: each takes one input and only raises unexpected errors. A
+documented refusal is caught here; an accepted input is checked."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -42,8 +41,7 @@ COMMANDS = [*FORMS, "xvoltage=1.000", "xvoltage?", "ymin?", "XV10.0", "xr?", "XL
 
 @dataclass(frozen=True)
 class Target:
-    """run(data): True where the input was accepted. seeds: inputs that are; words: pieces that
-    mutations put in."""
+    """run(data): True if the input was accepted. seeds: accepted inputs; words: for mutations."""
 
     run: Callable[[bytes], bool]
     seeds: tuple[bytes, ...]
@@ -51,7 +49,7 @@ class Target:
 
 
 def command(data: bytes) -> bool:
-    """A set-point, trajectory chunk or request on its way to the loop, from the lease's holder."""
+    """Handle a set-point, trajectory chunk or request for the loop, sent by the lease's holder."""
     lease = Lease(10**9, lambda: 7)
     lease.give(NOW_NS, 1, "fuzz", NOW_NS)
     gate = Admission("um", 10.0, 2.0, lease)
@@ -80,7 +78,7 @@ KINDS = (
 
 
 def answer(data: bytes) -> bool:
-    """What a client decodes; the first byte says what it expects."""
+    """Decode a message as a client does; the first byte selects the expected kind."""
     if not data:
         return False
     try:
@@ -94,13 +92,13 @@ def answer(data: bytes) -> bool:
 
 class _Bus:
     def listen(self, key: str, store: Callable[[str, bytes], None]) -> Callable[[], None]:
-        """Keep what the stream gave."""
+        """Keep the stream's callback."""
         self.store = store
         return lambda: None
 
 
 def stream(data: bytes) -> bool:
-    """Two telemetry messages after each other, cut where the first two bytes say."""
+    """Read two consecutive telemetry messages, cut where the first two bytes say."""
     bus: Any = _Bus()
     found = TelemetryStream(bus, Keys("dehyst", "a"), lambda **_: np.zeros(0, TELEMETRY))
     cut = int.from_bytes(data[:2], "little")
@@ -112,7 +110,7 @@ def stream(data: bytes) -> bool:
 
 
 def key(data: bytes) -> bool:
-    """A key expression."""
+    """Parse a key expression."""
     keys = Keys("dehyst", "*")
     try:
         parsed = keys.parse(data.decode("utf-8", "replace"))
@@ -123,7 +121,7 @@ def key(data: bytes) -> bool:
 
 
 def mdt693b(data: bytes) -> bool:
-    """Serial bytes of an amplifier, in two pieces; three bytes choose dialect, command and cut."""
+    """Decode an amplifier's serial bytes in two pieces; three bytes set dialect, command, cut."""
     if len(data) < 4:
         return False
     dialect, words = list(Dialect)[data[0] % 2], COMMANDS[data[1] % len(COMMANDS)]
@@ -140,7 +138,7 @@ def mdt693b(data: bytes) -> bool:
 
 
 def apt(data: bytes) -> bool:
-    """Serial bytes of a strain-gauge reader: whole and in pieces give the same."""
+    """Decode serial bytes of a strain-gauge reader: whole and in pieces give the same."""
     whole, pieces = Decoder(), Decoder()
     found = whole.feed(data)
     again = [m for i in range(0, len(data), 7) for m in pieces.feed(data[i : i + 7])]
@@ -152,27 +150,27 @@ _file, _tables = files.file, files.tables
 
 
 def csv(data: bytes) -> bool:
-    """A recording or trajectory as text."""
+    """Read a recording or trajectory as text."""
     return _tables(_file("a.csv", data))
 
 
 def gz(data: bytes) -> bool:
-    """The same, compressed."""
+    """Read the same, compressed."""
     return _tables(_file("a.csv.gz", data))
 
 
 def npz(data: bytes) -> bool:
-    """The same as numpy's archive."""
+    """Read the same as numpy's archive."""
     return _tables(_file("a.npz", data))
 
 
 def mcap(data: bytes) -> bool:
-    """The same as MCAP."""
+    """Read the same as MCAP."""
     return _tables(_file("a.mcap", data))
 
 
 def model(data: bytes) -> bool:
-    """A model file, as the loop loads it: read, prepared, one step."""
+    """Load a model file as the loop does: read, prepare, run one step."""
     try:
         found = load_model(_file("model.toml", data))
         modelfile.loads(modelfile.dumps(found))
@@ -184,7 +182,7 @@ def model(data: bytes) -> bool:
         state = compensator.init(limits[0])
         window = np.full(64, 1.0)
         compensator.step(state, window, 64, np.zeros(0))
-    except (DehystError, ValueError, ArithmeticError):  # as a reload refuses it
+    except (DehystError, ValueError, ArithmeticError):  # refused as in a reload
         return False
     drive = state.drive
     assert limits[0] - 1e-6 <= drive <= limits[1] + 1e-6 or np.isnan(drive)
@@ -192,7 +190,7 @@ def model(data: bytes) -> bool:
 
 
 def config(data: bytes) -> bool:
-    """A configuration."""
+    """Parse a configuration."""
     try:
         parse_config(data.decode("utf-8", "replace"))
     except BadInput:
@@ -201,7 +199,7 @@ def config(data: bytes) -> bool:
 
 
 def passwords(data: bytes) -> bool:
-    """A file of passwords, and one of credentials."""
+    """Read a file of passwords, and one of credentials."""
     path = _file("passwords", data)
     path.chmod(0o600)
     found = 0
@@ -271,7 +269,7 @@ def _archive(name: str) -> bytes:
 
 
 def targets() -> dict[str, Target]:
-    """All of them, by name."""
+    """Return all targets by name."""
     readers.load_libraries()
     plain = _messages()
     numbers = (b"nan", b"inf", b"-1", b"1e400", b"1e-400", b"0x10", b"9" * 30, b"[", b'"')

@@ -1,13 +1,14 @@
-"""Every Python that pyproject.toml names: are there wheels for all that is needed, and does it run?
+"""Check every Python that pyproject.toml names: are there wheels for all dependencies, and does it
+run?
 
     python -m tests.packaging.interpreters [3.12 ...]
 
 For each Python and Linux machine, and for the newest Python on Windows and macOS, pip resolves the
-dependencies from wheels alone. For each Python that
-is on this machine: a new environment below out/, a copy of the tree in it, and then the import, the
-command line, a recording written and read in each kind of file, and a model on it, which compiles
-kernels. The oldest Python gets the lowest versions that pyproject.toml takes, the others the
-newest. Exit status 1 where one of them fails; what cannot be tried is said and passed over.
+dependencies from wheels alone. For each Python on this machine: a new environment below out/, with
+a copy of the tree; then the import, the command line, a recording written and read in each kind of
+file, and a model on it, which compiles kernels. The oldest Python gets the lowest versions that
+pyproject.toml allows, the others the newest. The exit status is 1 if one of them fails; what cannot
+be tried is reported and skipped.
 """
 
 import os
@@ -37,7 +38,7 @@ print("runs with", sys.version.split()[0])
 
 
 def interpreter(version: str) -> str:
-    """A Python of this version that runs, else ""."""
+    """Return a Python of this version that runs, else ""."""
     kept = sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))
     for path in (shutil.which(f"python{version}"), *map(str, kept)):
         if path and subprocess.run([path, "-c", ""], capture_output=True).returncode == 0:
@@ -46,18 +47,18 @@ def interpreter(version: str) -> str:
 
 
 def plain() -> dict[str, str]:
-    """The environment without this tree's own path."""
+    """Return the environment without this tree's own path."""
     return {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
 
 
 def try_it(version: str, python: str) -> bool:
-    """Install and run; whether it went well."""
+    """Install and run; return whether it succeeded."""
     place = ROOT / "out" / f"python-{version}"
     shutil.rmtree(place, ignore_errors=True)
     (place / "work").mkdir(parents=True)
     own, tree = str(place / "bin" / "python"), place / "tree"
     unwanted = shutil.ignore_patterns(".*", "build", "dist", "out", "tests", "*.egg-info")
-    shutil.copytree(ROOT, tree, symlinks=True, ignore=unwanted)  # a build leaves things behind
+    shutil.copytree(ROOT, tree, symlinks=True, ignore=unwanted)  # a build leaves files in the tree
     wheels = ["-m", "pip", "install", "--quiet", "--only-binary=:all:"]
     lowest = ["--resolution", "lowest-direct"] if version == PYTHONS[0] else []
     pinned = str(place / "dependencies.txt")
@@ -88,7 +89,7 @@ def try_it(version: str, python: str) -> bool:
 
 
 def main(versions: list[str]) -> int:
-    """Try these, all that are promised where none is named."""
+    """Try these versions, or all promised ones if none is named."""
     wrong, why = 0, offline()
     if why:
         print(f"wheels not looked for, no package index: {why}")

@@ -1,7 +1,7 @@
-"""Which modules and names of the standard library another operating system does not have.
+"""Which modules and names of the standard library another operating system lacks.
 
-Taken from typeshed, which mypy brings along: its stubs say by `if sys.platform == ...` what is
-where.
+They are taken from typeshed, which comes with mypy: its stubs say by `if sys.platform == ...` which
+system has what.
 """
 
 import ast
@@ -21,7 +21,7 @@ LOOKED_AT = ("os", "signal", "socket", "select", "time", "mmap", *OF_UNIX)
 
 @cache
 def names(module: str, platform: str) -> frozenset[str]:
-    """Names that a module has on "linux", "darwin" or "win32"."""
+    """Return the names that a module has on "linux", "darwin" or "win32"."""
     path = STUBS / f"{module}.pyi"
     path = path if path.exists() else STUBS / module / "__init__.pyi"
     system = SimpleNamespace(platform=platform, version_info=sys.version_info)
@@ -47,5 +47,5 @@ def names(module: str, platform: str) -> frozenset[str]:
 
 
 def missing(platform: str) -> dict[str, list[str]]:
-    """Names by module that Linux has and this system does not."""
+    """Return the names by module that Linux has and this system does not."""
     return {m: sorted(names(m, "linux") - names(m, platform)) for m in LOOKED_AT}

@@ -1,7 +1,6 @@
-"""The Debian package: installed below another root by dpkg itself, its units' commands run there,
-removed again. The environment in it is a light one: this tree's wheel, and the libraries of the
-environment that tests; `make release` puts in all of them.
-"""
+"""The Debian package: dpkg itself installs it below another root, its units' commands run there,
+and it is removed again. Its environment is a light one: this tree's wheel, and the libraries of the
+test environment; `make release` includes all of them."""
 
 import os
 import re
@@ -26,7 +25,7 @@ TOOLS = ("dpkg", "dpkg-deb", "systemd-sysusers", "systemd-tmpfiles")
 
 
 def why_not() -> str:
-    """Why it cannot be tried here; "" where it can."""
+    """Return why it cannot be tried here, or "" if it can."""
     if lacking := [tool for tool in TOOLS if shutil.which(tool) is None]:
         return f"no {', '.join(lacking)} here"
     if os.geteuid() != 0:
@@ -65,7 +64,7 @@ def package(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:  # n
 
 @pytest.fixture(scope="module")
 def target(package: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A root with nothing but the package in it."""
+    """Return a root that contains only the package."""
     root = tmp_path_factory.mktemp("target")
     for name in ("var/lib/dpkg/updates", "var/lib/dpkg/info", "etc"):
         (root / name).mkdir(parents=True)
@@ -77,7 +76,7 @@ def target(package: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def dpkg(root: Path, *words: str | Path) -> str:
     command = ["dpkg", f"--root={root}", *DPKG, *map(str, words)]
-    # root's PATH, which dpkg asks for, also where a user runs the tests
+    # dpkg needs root's PATH, even if a user runs the tests
     own = {**os.environ, "PATH": f"{os.environ['PATH']}:/usr/local/sbin:/usr/sbin:/sbin"}
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=own)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -123,7 +122,7 @@ def test_nothing_in_it_names_the_place_where_it_was_built(package: Path, target:
 
 
 def run(target: Path, words: str, **environment: str) -> "subprocess.Popen[str]":
-    """What a unit says, with the root's own Python and configuration."""
+    """Start a unit's command, with the root's own Python and configuration."""
     command = words.replace("/etc/dehyst", str(target / "etc/dehyst")).split()
     return subprocess.Popen(
         [str(target / "opt/dehyst/bin/python3"), "-m", "dehyst.daemon.main", *command],
@@ -139,8 +138,8 @@ def commands(target: Path, unit: str, key: str) -> str:
 
 
 def test_the_commands_of_its_units_run(target: Path, tmp_path: Path) -> None:
-    """The gateway, to which a socket listens in place of systemd, and what makes the output safe:
-    they compile little. The loop runs in the demonstration of `make release`."""
+    """Run the gateway, with a socket in place of systemd, and the command that makes the output
+    safe: both compile little. The loop runs in the demonstration of `make release`."""
     (target / "etc/dehyst/stage.toml").write_text(CONFIG.format(port=free_port()))
     (target / "etc/dehyst/stage.model.toml").write_text(model_text())
     folder, reported = str(tmp_path / "run"), str(tmp_path / "reported")

@@ -1,5 +1,5 @@
-"""The house's rules that import-linter cannot see: private names, the clock, empty `__init__`s, and
-folders that can be looked through at a glance. Files are read, nothing is imported."""
+"""Rules of the code that import-linter cannot check: private names, the clock, empty `__init__`s,
+and folders of limited size. Files are read, nothing is imported."""
 
 import ast
 from pathlib import Path
@@ -15,8 +15,8 @@ CLOCK = {
     "daemon/clock.py",
     "daemon/loop/systemcalls.py",  # the same clock for compiled code
 }
-# public in spite of their names: of named tuples, of ctypes structures, of numba's code builder; of
-# argparse, whose parsers nothing else can be read from (shtab reads them so too)
+# public in spite of their names: of named tuples, of ctypes structures, of numba's code builder,
+# and of argparse, whose parsers can only be read through it (as shtab does)
 FOREIGN = {"_exit", "_replace", "_asdict", "_make", "_fields", "_fields_", "_getvalue", "_actions"}
 CLOCKS = {
     f"time.{name}"
@@ -29,7 +29,7 @@ def name_of(path: Path) -> str:
 
 
 def module_of(path: Path) -> tuple[str, ...]:
-    """("dehyst", "daemon", "loop", "step") of daemon/loop/step.py; a package without __init__."""
+    """Return ("dehyst", "daemon", "loop", "step") of daemon/loop/step.py; without __init__."""
     parts = path.relative_to(ROOT).with_suffix("").parts
     return ("dehyst", *(parts[:-1] if parts[-1] == "__init__" else parts))
 
@@ -38,7 +38,7 @@ MODULES = {module_of(path) for path in FILES}
 
 
 def package_of(module: tuple[str, ...]) -> tuple[str, ...]:
-    """The folder that a module lies in; a package is its own."""
+    """Return the package that contains a module; a package contains itself."""
     is_package = any(other[:-1] == module for other in MODULES)
     return module if is_package else module[:-1]
 
@@ -48,7 +48,7 @@ def private(name: str) -> bool:
 
 
 def imported(tree: ast.Module) -> dict[str, tuple[str, ...]]:
-    """What each name that a file imports from dehyst is: a module, or a module and a name in it."""
+    """Return what each name imported from dehyst is: a module, or a module and a name in it."""
     found: dict[str, tuple[str, ...]] = {}
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "dehyst":
@@ -58,7 +58,7 @@ def imported(tree: ast.Module) -> dict[str, tuple[str, ...]]:
 
 
 def own_names(tree: ast.Module) -> set[str]:
-    """Private names that a file defines itself, as attributes, methods, fields or functions."""
+    """Return private names that a file itself defines: attributes, methods, fields or functions."""
     found = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
@@ -89,13 +89,13 @@ def breaches(path: Path) -> list[str]:
                 found.append(where)
         elif not (isinstance(base, ast.Name) and base.id in ("self", "cls")) and (
             node.attr not in own and node.attr not in package_names(here)
-        ):  # an object whose class is not of this package
+        ):  # an object whose class is not from this package
             found.append(where)
     return found
 
 
 def package_names(package: tuple[str, ...]) -> set[str]:
-    """Private names that the files of one folder define."""
+    """Return private names that the files of one folder define."""
     found: set[str] = set()
     for path in FILES:
         if package_of(module_of(path)) == package:
@@ -109,7 +109,7 @@ def test_no_private_name_is_read_across_packages() -> None:
 
 
 def test_the_monotonic_clock_is_read_in_one_place() -> None:
-    """Drivers are given a clock; that parameter's default may be time.monotonic, uncalled."""
+    """Drivers are given a clock; that parameter's default may be time.monotonic, not called."""
     found = []
     for path in FILES:
         if name_of(path) in CLOCK:
@@ -127,7 +127,7 @@ def test_the_monotonic_clock_is_read_in_one_place() -> None:
 
 
 def plain(statement: ast.stmt) -> bool:
-    """A docstring, an import, or `__all__`."""
+    """Return whether it is a docstring, an import, or `__all__`."""
     if isinstance(statement, ast.Expr):
         return isinstance(statement.value, ast.Constant)
     if isinstance(statement, ast.Assign):
@@ -153,7 +153,7 @@ def test_folders_can_be_looked_through() -> None:
     assert not crowded
 
 
-# files of one kind, and the names by which each of them does its part
+# files of one kind, and the names that each of them must define
 FACES = {
     "daemon/commands/*.py": {"configure", "run"},
     "models/physics/*.py": {"solve", "step"},
@@ -164,7 +164,7 @@ FACES = {
 
 
 def test_each_public_name_has_one_meaning() -> None:
-    """A class or function whose name two files define, faces aside, misleads who reads the name."""
+    """A public class or function that two files define misleads readers; faces are exempt."""
     homes: dict[str, set[str]] = {}
     for path in FILES:
         faces = {"main", "Tuning"}.union(*(names for at, names in FACES.items() if path.match(at)))

@@ -1,4 +1,4 @@
-"""What starts often, or where somebody waits, imports nothing heavy that it does not use."""
+"""Programs that start often, or that somebody waits for, import no heavy module needlessly."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Every deliberate mistake still has its place; `python -m tests.mutations` makes them."""
+"""Every deliberate mistake can still be applied; `python -m tests.mutations` applies them."""
 
 from pathlib import Path
 

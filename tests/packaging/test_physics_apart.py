@@ -1,4 +1,4 @@
-"""Physics is declared: no attribute of a candidate is there for one physics alone, and nothing
+"""Physics is declared: no attribute of a candidate exists for one physics alone, and nothing
 outside of `models/physics` decides by a physics' name."""
 
 import ast
@@ -10,14 +10,14 @@ from dehyst.models.physics.registry import FRAME
 
 ROOT = Path(__file__).parents[2]
 ROOM = ROOT / "models/physics"
-# words that name something else too: a place, a column, the finding that is the base's own, a field
+# names with a second meaning: a place, a column, the base's own finding, a field
 OTHERWISE = {"sensor", "rate", "shape", "memory"}
 NAMES = {one.name for one in PHYSICS.values()} | set(KINDS) | set(PHYSICS)
 NAMES -= OTHERWISE
 
 
 def declared(tree: ast.AST) -> Iterator[str]:
-    """Attributes that the classes of a file set, in their body or on themselves."""
+    """Yield the attributes that the classes of a file set, in their body or on self."""
     for node in ast.walk(tree):
         if isinstance(node, ast.ClassDef):
             for one in node.body:

@@ -1,4 +1,4 @@
-"""What a release says of itself: one version, every dependency pinned with a hash, its words."""
+"""What a release says of itself: one version, a hash for every pinned dependency, its wording."""
 
 import re
 from pathlib import Path

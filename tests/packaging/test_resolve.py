@@ -1,6 +1,7 @@
-"""The newest Python that pyproject.toml promises, on the rarer machine, needs no compiler.
+"""The newest Python that pyproject.toml promises needs no compiler on the rarer machine.
 
-`make interpreters` asks for all of them. It asks the package index, and is skipped without one.
+`make interpreters` checks all of them. The test queries the package index, and is skipped without
+one.
 """
 
 import pytest

@@ -1,9 +1,9 @@
-"""The README's lines that install the service and take it away, as root in a mount namespace of its
-own: /etc and /var are overlays, /opt and /run are empty, and nothing of it outlives the test.
+"""The README's commands that install and remove the service, run as root in a private mount
+namespace: /etc and /var are overlays, /opt and /run are empty, and nothing outlives the test.
 
-pip's own installation and the compilation of the kernels take minutes and are tested by themselves
-(test_wheel.py, test_kernel_cache.py); a namespace has neither udev nor systemd, so that nothing is
-started (`--now`). All else is the real tool.
+pip's own installation and the compilation of the kernels take minutes and are tested separately
+(test_wheel.py, test_kernel_cache.py); a namespace has neither udev nor systemd, so nothing is
+started (`--now`). Everything else is the real tool.
 """
 
 import os
@@ -53,7 +53,7 @@ GONE = """
 
 
 def why_not() -> str:
-    """Why it cannot be tried here; "" where it can."""
+    """Return why it cannot be tried here, or "" if it can."""
     if lacking := [tool for tool in TOOLS if shutil.which(tool) is None]:
         return f"no {', '.join(lacking)} here"
     if os.geteuid() != 0:
@@ -68,7 +68,7 @@ REASON = why_not()
 
 
 def install() -> str:
-    """The README's block, with what takes minutes or udev replaced."""
+    """Return the README's block, with the steps that take minutes or need udev replaced."""
     found = re.search(r"## Run it as a service\n\n```\n(.*?)```", README, re.S)
     assert found
     text = found[1]
@@ -79,14 +79,14 @@ def install() -> str:
 
 
 def recorder() -> str:
-    """The unit of docs/record.md, put beside the others."""
+    """Return commands that add the unit of docs/record.md to the others."""
     found = re.search(r"```ini\n(.*?)```", (ROOT / "docs" / "record.md").read_text(), re.S)
     assert found
     return f"cat > /etc/systemd/system/dehyst-record.service << 'END'\n{found[1]}END"
 
 
 def remove() -> str:
-    """What the README says of taking the service away, as commands."""
+    """Return the README's instructions for removing the service, as commands."""
     found = re.search(r"To remove the service, (.*?)\n\n", README, re.S)
     assert found
     disable, *places, last = re.findall(r"`([^`]*)`", found[1])

@@ -1,4 +1,4 @@
-"""The site of the pages: a link that leads nowhere fails it, and the README is its first page."""
+"""The site of the pages: a broken link fails the build, and the README is its first page."""
 
 import html
 import importlib.util
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(
 
 
 def build(folder: Path, extra: str) -> "subprocess.CompletedProcess[str]":
-    """The site of these pages and one more, with this text."""
+    """Build the site of these pages and one more, with this text."""
     for name in ("docs", "mkdocs.yml"):
         copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
         copy(ROOT / name, folder / name)
@@ -38,7 +38,7 @@ def build(folder: Path, extra: str) -> "subprocess.CompletedProcess[str]":
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built from pages whose links lead somewhere."""
+    """Return a site built from pages whose links are valid."""
     folder = tmp_path_factory.mktemp("site")
     good = "[a](record.md) [b](record.md#for-weeks) [c](../daemon/main.py) [d](../README.md)"
     done = build(folder, good)
@@ -91,7 +91,7 @@ def test_the_search_finds_from_a_folder(site: Path) -> None:
 
 
 def test_each_of_four_that_lead_nowhere_fails_it(tmp_path: Path) -> None:
-    """One build: it ends with the number of its warnings, of which any is too many."""
+    """One build ends with the number of its warnings, and any warning fails it."""
     links = ("record.md#no-such-heading", "../daemon/no_such.py", "nowhere.md", "/docs/record.md")
     done = build(tmp_path, " ".join(f"[a]({link})" for link in links))
     assert done.returncode != 0

@@ -1,4 +1,4 @@
-"""The units, checked by systemd's own tools where they are installed."""
+"""The units, checked by systemd's own tools if they are installed."""
 
 import re
 import shutil
@@ -25,7 +25,7 @@ needs_systemd = pytest.mark.skipif(
 
 @needs_systemd
 def test_verify_has_nothing_to_say(tmp_path: Path) -> None:
-    """Unknown keys are reported on stderr alone, with exit code 0."""
+    """Unknown keys are only reported on stderr, with exit code 0."""
     executable = Path(sys.executable).with_name("dehyst")
     for name in SERVICES:
         text = (UNITS / name).read_text().replace("/opt/dehyst/bin/dehyst", str(executable))
@@ -72,8 +72,8 @@ def test_units_run_commands_that_exist_and_their_own_user() -> None:
 
 
 def test_what_guards_the_output_comes_before_what_serves_clients() -> None:
-    """Loop and `safe` first, then the gateway, then who serves people and programs, the doctor
-    last: the order is the same as that of the processes of `dehyst run`."""
+    """The loop and `safe` come first, then the gateway, then servers for people and programs, and
+    the doctor last: the order equals that of the processes of `dehyst run`."""
     from dehyst.daemon.loop.timing.realtime import NICE
 
     nice = {}
@@ -87,7 +87,7 @@ def test_what_guards_the_output_comes_before_what_serves_clients() -> None:
 
 
 def test_a_process_of_a_terminal_leaves_the_priority_of_that_terminal_alone() -> None:
-    """The kernel weighs all that runs in one session together."""
+    """The kernel weighs all processes of one session together."""
     group = Path("/proc/self/autogroup")
     if not group.exists():
         pytest.skip("this kernel does not group by sessions")

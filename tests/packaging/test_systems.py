@@ -1,7 +1,7 @@
-"""Windows and macOS: everything but the loop runs there.
+"""Windows and macOS: everything except the loop runs there.
 
-The modules and names that typeshed says another system does not have are taken away from dehyst in
-a fresh interpreter, and each command runs to its end. What only Linux runs says so in one line.
+The modules and names that another system lacks according to typeshed are removed from dehyst in a
+fresh interpreter, and each command runs to its end. Commands that need Linux say so in one line.
 """
 
 import ast
@@ -33,14 +33,14 @@ ONLY_LINUX = (
     *("daemon/loop/", "daemon/service/", "daemon/gateway/", "daemon/latency/", "daemon/rings/"),
     *("daemon/demo/", "daemon/doctor/", "drivers/emulated/", "drivers/iio/"),
     *("daemon/commands/doctor.py", "daemon/commands/emulate.py"),
-    "daemon/main.py",  # asks for the system first
-    "daemon/log_lines.py",  # of processes that last
-    "daemon/notify.py",  # systemd's
-    "daemon/terminal/keys.py",  # knows both consoles
+    "daemon/main.py",  # checks the system first
+    "daemon/log_lines.py",  # only for long-running processes
+    "daemon/notify.py",  # for systemd
+    "daemon/terminal/keys.py",  # supports both consoles
     "drivers/serial_port.py",  # its ports are files
     "drivers/system.py",
 )
-"""Where a name may stand that Windows does not have."""
+"""Files that may use a name that Windows lacks."""
 OFFLINE = (
     "identify run.csv -o found.toml --report report",
     "validate stage.toml another.csv",
@@ -90,7 +90,7 @@ def test_names_that_windows_does_not_have_stand_in_one_module() -> None:
 
 
 def test_typeshed_knows_what_is_missing() -> None:
-    """Else the tests here would take nothing away."""
+    """Otherwise the tests here would remove nothing."""
     windows, macos = missing("win32"), missing("darwin")
     assert {"geteuid", "O_NOFOLLOW", "sched_getaffinity"} <= set(windows["os"])
     assert {"SIGHUP", "SIGKILL"} <= set(windows["signal"])
@@ -124,7 +124,7 @@ class Elsewhere:
         )  # fmt: skip
 
     def run(self, *arguments: str) -> tuple[int, str]:
-        """Exit status, and all that was printed."""
+        """Return the exit status and all printed output."""
         process = self.start(*arguments)
         out, err = process.communicate(timeout=250)
         return process.returncode, out + err
@@ -135,7 +135,7 @@ class Elsewhere:
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    """A daemon on Linux, and beside it what offline commands read."""
+    """Yield a daemon on Linux, with the files that offline commands read."""
     made = Bench(tmp_path_factory.mktemp("systems"))
     folder = made.path.parent
     for name, seconds in (("run", 12.0), ("another", 6.0)):
@@ -173,7 +173,7 @@ def elsewhere(request: pytest.FixtureRequest, bench: Bench) -> Elsewhere:
 
 
 def test_what_is_taken_away_is_away(elsewhere: Elsewhere) -> None:
-    """For dehyst alone."""
+    """They are missing for dehyst only."""
     program = (
         "import fcntl, os, sys\n"
         "import dehyst.drivers.system as system\n"
@@ -234,7 +234,7 @@ def test_the_page_is_served(elsewhere: Elsewhere) -> None:
 
 
 def test_what_needs_linux_says_so_in_one_line(elsewhere: Elsewhere) -> None:
-    """All of them in one interpreter."""
+    """All of them run in one interpreter."""
     lines = [*([name] for name in sorted(NEEDS_LINUX)), ["config", "pin"]]
     lines.append(["doctor", "--config", "stage.toml"])
     program = (
@@ -251,8 +251,8 @@ def test_what_needs_linux_says_so_in_one_line(elsewhere: Elsewhere) -> None:
 
 
 def test_every_command_runs_or_says_that_it_needs_linux() -> None:
-    """The page and the servers of other protocols aside, which run until they are ended."""
+    """The page and the servers of other protocols are excluded: they run until they are ended."""
     run = {command.split()[0] for command in (*OFFLINE, *CLIENTS)}
     served = {"page", "epics", "serve"}
-    decided = {"accept", "reject", "warm", "paper", "image", "bench"}  # as the commands beside them
+    decided = {"accept", "reject", "warm", "paper", "image", "bench"}  # like the similar commands
     assert set(COMMANDS) <= run | served | decided | NEEDS_LINUX

@@ -1,4 +1,4 @@
-"""The wheel: built, installed in a clean environment, compared with the tree."""
+"""The wheel: built, installed in a clean environment, and compared with the tree."""
 
 import shutil
 import subprocess
@@ -15,7 +15,7 @@ ROOMS = {"daemon": ROOT / "daemon", "drivers": ROOT / "drivers", "models": ROOT 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built from a copy of the tree: setuptools would pack what an older build/ has left."""
+    """Build from a copy of the tree: setuptools would pack files that an older build/ contains."""
     folder = tmp_path_factory.mktemp("wheel")
     tree = folder / "tree"
     unwanted = shutil.ignore_patterns(".*", "build", "dist", "out", "tests", "*.egg-info")
@@ -54,7 +54,7 @@ def test_the_wheel_holds_the_tree_and_nothing_at_top_level_but_dehyst(wheel: Pat
 
 @pytest.mark.timeout(400)
 def test_it_runs_from_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
-    """A new environment that sees this one's libraries, but only the wheel's dehyst."""
+    """A new environment sees the libraries of this one, but only the wheel's dehyst."""
     venv.create(tmp_path / "env")
     python = tmp_path / "env/bin/python"
     subprocess.run(

@@ -1,4 +1,4 @@
-"""Which wheels pip would install where; it reads their metadata and installs nothing."""
+"""Which wheels pip would install on which machine; it reads their metadata and installs nothing."""
 
 import subprocess
 import sys
@@ -21,13 +21,13 @@ MACHINES = {
         *(f"macosx_{version}_universal2" for version in ("11_0", "10_13", "10_9")),
     ],
 }
-"""Tags of the wheels that are taken, by machine."""
+"""Accepted wheel tags, by machine."""
 WITH_THE_LOOP = ("x86_64", "aarch64")
-"""Linux: the machines that run a daemon."""
+"""Linux: the machines that can run a daemon."""
 
 
 def resolve(python: str, machine: str, *requirements: str) -> "subprocess.CompletedProcess[str]":
-    """pip's answer to: which wheels would be installed there?"""
+    """Ask pip which wheels it would install there."""
     places = [word for tag in MACHINES[machine] for word in ("--platform", tag)]
     return subprocess.run(
         [sys.executable, "-m", "pip", "install", "--quiet", "--dry-run", "--no-input",
@@ -40,6 +40,6 @@ def resolve(python: str, machine: str, *requirements: str) -> "subprocess.Comple
 
 @cache
 def offline() -> str:
-    """Why there is no package index; "" where there is one."""
+    """Return why there is no package index, or "" if there is one."""
     done = resolve("3.11", "x86_64", "pyserial")
     return "" if done.returncode == 0 else (done.stderr.strip() or "no answer").splitlines()[-1]

@@ -1,7 +1,7 @@
-"""The diagnosis on real recordings: what physics says of each must not be contradicted.
+"""The diagnosis of real recordings must not contradict what physics says of each.
 
-What each recording holds was established apart from this code, by regression on the raw columns;
-docs/real-recordings.md tells how.
+What each recording contains was established independently of this code, by regression on the raw
+columns; see docs/real-recordings.md.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.recordings
 
 
 def one(data_dir, name: str, every: int) -> Diagnosis:
-    """A diagnosis from every n-th sample, so that the test stays short."""
+    """Diagnose every n-th sample, so that the test stays short."""
     r = read_recording(data_dir / "recordings" / f"{name}.csv")
     thin = Recording(
         r.t_s[::every],
@@ -37,7 +37,7 @@ def names(diagnosis: Diagnosis) -> list[str]:
 
 
 def candidates(diagnosis: Diagnosis) -> set[str]:
-    """Everything that the diagnosis holds possible."""
+    """Return every cause that the diagnosis considers possible."""
     return {n for f in diagnosis.findings for n in (f.name, *f.ambiguous_with)}
 
 
@@ -52,20 +52,20 @@ def triangle(data_dir):
 
 
 def test_light_sheet_servo_may_be_a_lag(lightsheet):
-    """The wide loop is a servo of 10 Hz bandwidth; there is hardly any hysteresis. One waveform
-    alone does not tell the two apart: what is named stands in a tie with the lag."""
+    """The wide loop is a servo of 10 Hz bandwidth; there is hardly any hysteresis. A single
+    waveform cannot distinguish the two: the named finding is ambiguous with the lag."""
     assert {"lag", "delay"} & candidates(lightsheet)
-    # of one waveform alone no model that predicts blocks that were left out need be found
+    # with one waveform, no model need predict the blocks that were left out
     assert lightsheet.verdict in ("explained", "partly")
 
 
 def test_one_slow_triangle_holds_no_missing_physics(triangle):
-    """A single slow loop: any rate-independent memory explains it."""
+    """In a single slow loop, any rate-independent memory explains it."""
     assert set(names(triangle)) <= {"shape", "unknown"}
 
 
 def test_nor_does_one_in_which_the_force_goes_to_and_fro_with_it(data_dir):
-    """The force moves at the turn alone, where the tip touches: it is a result of the way."""
+    """The force only changes at the turn, where the tip touches: it is a result of the motion."""
     assert set(names(one(data_dir, "afm-triangle-b", 4))) <= {"shape", "unknown"}
 
 
@@ -80,7 +80,7 @@ def test_held_out_error_does_not_grow(which, request):
 def test_model_runs_on_the_recording_again(which, request):
     diagnosis = request.getfixturevalue(which)
     view = diagnosis.views[0]
-    assert not channels_of(diagnosis.model)  # nothing but the drive moves these two
+    assert not channels_of(diagnosis.model)  # only the drive moves these two
     y = replay(diagnosis.model, view.t_s, view.drive, {}, view.displacement).predicted
     assert np.all(np.isfinite(y))
     error = view.displacement - y
@@ -89,14 +89,14 @@ def test_model_runs_on_the_recording_again(which, request):
 
 @pytest.mark.parametrize(("name", "every"), [("stack-1hz", 2), ("stack-am", 1), ("afm-hold", 2)])
 def test_what_began_before_the_recording_is_named(data_dir, name, every):
-    """The two stacks climb from a start at rest, ever more slowly; the AFM's drive climbs by so
-    much a decade behind a move. Beside it a small rest is left that nobody has a name for."""
+    """The two stacks climb ever more slowly from a start at rest; the AFM's drive climbs by a
+    constant amount per decade after a move. A small residual remains unexplained."""
     assert {"creep", "drift"} & set(names(one(data_dir, name, every)))
 
 
 def test_the_written_model_follows_a_modulated_sine_nearly_as_its_fit_does(data_dir):
-    """Begun in the middle of its life: of the models that are held to the one in use more or less,
-    the one that can begin so is written."""
+    """The recording begins in the middle of the stage's life: of several models, held more or less
+    to the one in use, the one that can begin so is written."""
     d = one(data_dir, "stack-am", 1)
     (before,), (after,) = d.rms["model"].values(), d.rms["augmented"].values()
     assert after < 0.4 * before

@@ -65,7 +65,7 @@ def test_the_target_of_a_real_experiment_is_followed_to_its_end(data_dir: Path) 
     assert np.abs(np.diff(done["volts"])).max() <= 4000 * 0.005 * (1 + 1e-9)
     clean = (done["flags"] & (Flag.APPROACH | Flag.UNREACHABLE | Flag.SLEW)) == 0
     assert clean.mean() > 0.9
-    # the lag of this recording is undone by derivatives at the loop's own spacing
+    # the recording's lag is compensated by derivatives at the loop's own spacing
     error = (done["predicted"] - done["target"])[clean][2:]
     assert model.fit.noise_rms is not None
     assert np.sqrt(np.mean(error**2)) < 0.25 * model.fit.noise_rms

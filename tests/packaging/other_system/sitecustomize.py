@@ -1,8 +1,8 @@
-"""Every interpreter that finds this on its path gives dehyst another operating system.
+"""Simulates another operating system for dehyst, in every interpreter with this on its path.
 
-Only the modules of dehyst are deceived, the libraries below them remain those of this machine:
-what $OTHER_SYSTEM (JSON: platform, modules, names by module) says is missing cannot be imported or
-read by them, `sys.platform` is the other one, and /proc cannot be opened.
+Only dehyst's modules see it; the libraries that they use keep this machine's system. Modules and
+names that $OTHER_SYSTEM lists as missing (JSON: platform, modules, names by module) cannot be
+imported or read by them, `sys.platform` is the other one, and /proc cannot be opened.
 """
 
 import builtins
@@ -16,7 +16,7 @@ ORIGINAL = builtins.__import__
 
 
 class Deprived(ModuleType):
-    """A module without the names that the other system does not have."""
+    """A module without the names that the other system lacks."""
 
     def __init__(self, real: ModuleType, missing: set[str], instead: dict) -> None:
         super().__init__(real.__name__)
