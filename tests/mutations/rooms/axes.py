@@ -14,7 +14,7 @@ CHANGES = [
             GROUPS,
             "        if _is_left(axes, q.group):\n",
             "        if False:\n",
-            "when one axis has faulted the others go on along the path",
+            "after one axis has faulted the others continue along the path",
         ),
         Change(
             "fault-is-no-leaving",
@@ -35,14 +35,14 @@ CHANGES = [
             GROUPS,
             "            q.shift_ns += beyond_ns\n",
             "            q.shift_ns += beyond_ns if q.complete == 0 else 0\n",
-            "while one axis has no points another one goes on along its path",
+            "while one axis has no points another one continues along its path",
         ),
         Change(
             "waits-for-ever",
             GROUPS,
             "            q.dry = targets.OTHER if there < wanted else 0\n",
             "            q.dry = 0\n",
-            "an axis whose group never arrives waits for ever",
+            "an axis whose group never arrives waits forever",
         ),
         Change(
             "late-points-start-again",
@@ -66,8 +66,7 @@ CHANGES = [
             KERNELS,
             "    return c.target + p.origin\n",
             "    return c.target\n",
-            "the other axis' zero differs from that of the recording from which the coupling was "
-            "identified: the axis has an offset",
+            "the other axis' displacement lacks its origin, so the coupling has an offset",
         ),
         Change(
             "drives-in-the-files-order",
@@ -91,7 +90,7 @@ CHANGES = [
             UNIT,
             "        if self.shared and not self.lost:\n",
             "        if False:\n",
-            "after a set without an answer the next axis' set goes out into the same link",
+            "after an unanswered set the next axis' set is sent over the same link",
         ),
         Change(
             "output-driven-twice",
@@ -112,7 +111,7 @@ CHANGES = [
             TOGETHER,
             "self._measure(reads[:n], clock) for n in",
             "self._measure(reads[:1], clock) for n in",
-            "the unit is asked for more sets than it sustains",
+            "the unit is asked for more sets than it can sustain",
         ),
     ),
     *room(
@@ -139,14 +138,14 @@ CHANGES = [
             "drivers/interface.py",
             "return max(self.late_s, self.latency_s)",
             "return self.latency_s",
-            "the loop is given a rate at which it misses a deadline with every late reply",
+            "the loop is offered a rate at which every late reply misses a deadline",
         ),
         Change(
             "report-always-fits",
             CHECKS,
             "if io_s - sensor.call_s + actuator.call_s > REPORT_SPARE * period_s",
             "if False",
-            "every question for the amplifier's report costs a deadline",
+            "every query of the amplifier's report costs a deadline",
         ),
     ),
     *room(
@@ -156,7 +155,7 @@ CHANGES = [
             "daemon/loop/python_loop.py",
             "numbers[DOUBTFUL] |= ASKED",
             "numbers[DOUBTFUL] |= 0",
-            "every question for the amplifier's report costs a deadline",
+            "every query of the amplifier's report costs a deadline",
         ),
     ),
     *room(
@@ -167,7 +166,7 @@ CHANGES = [
             "        digest = self._reported.digest\n        try:",
             "        digest = self._reported.digest\n"
             "        self._reported = self._reported_model(model, digest)\n        try:",
-            "for a moment a client reads the reach of the new model beside the old model",
+            "a client briefly reads the reach of the new model together with the old model",
         ),
     ),
     *room(
@@ -177,7 +176,7 @@ CHANGES = [
             "drivers/call_times.py",
             "late: float = 95.0",
             "late: float = 50.0",
-            "the rate that is offered is one that the unit does not sustain",
+            "a rate is offered that the unit does not sustain",
         ),
     ),
 ]

@@ -8,11 +8,11 @@ CHANGES = room(
     ("tests/daemon/loop/test_readback_times.py",),
     Change(
         "doubt-after-thirty", READBACK, "IN_A_ROW = 3", "IN_A_ROW = 30",
-        "the loop goes on driving an unknown output for half a minute",
+        "the loop continues to drive an unknown output for half a minute",
     ),
     Change(
         "doubt-after-one", READBACK, "IN_A_ROW = 3", "IN_A_ROW = 1",
-        "one stray report stops the stage",
+        "a single wrong report stops the stage",
     ),
     Change(
         "span-ten-times", READBACK, "SPAN_NS = 1_000_000_000", "SPAN_NS = 10_000_000_000",
@@ -29,15 +29,15 @@ CHANGES = room(
     Change(
         "motion-ten-times", READBACK, "1_000_000_000, 5_000_000_000, 250_000_000",
         "1_000_000_000, 50_000_000_000, 250_000_000",
-        "a unit in motion is asked once a minute",
+        "a unit in motion is asked only every 50 s",
     ),
     Change(
         "doubt-asks-rarely", READBACK, "5_000_000_000, 250_000_000", "5_000_000_000, 5_000_000_000",
-        "doubt takes fifteen seconds",
+        "it takes fifteen seconds until a report is doubted",
     ),
     Change(
         "doubt-not-quicker", READBACK, "if self._against or self.doubtful:", "if False:",
-        "doubt takes fifteen seconds",
+        "it takes fifteen seconds until a report is doubted",
     ),
     Change(
         "no-old-low", READBACK, "low = min(self._low, self._old_low)", "low = self._low",
@@ -57,11 +57,11 @@ CHANGES = room(
     ),
     Change(
         "agreement-adds-up", READBACK, "self._against, self._for = 0, self._for + 1",
-        "self._for = self._for + 1", "reports that disagree now and then add up to doubt",
+        "self._for = self._for + 1", "occasional disagreeing reports accumulate to a doubt",
     ),
     Change(
         "doubt-adds-up", READBACK, "self._for, self._against = 0, self._against + 1",
-        "self._against = self._against + 1", "doubt ends though every third report disagrees",
+        "self._against = self._against + 1", "a doubt ends although every third report disagrees",
     ),
     Change(
         "doubt-stays", READBACK, "        self.doubtful = False\n        self.reported_v = volts",

@@ -16,7 +16,7 @@ CHANGES = [
             "daemon/interrupts.py",
             "        if noted:\n            taken = True\n            raise KeyboardInterrupt\n",
             "        pass\n",
-            "a trajectory goes on although Ctrl-C was pressed",
+            "a trajectory continues although Ctrl-C was pressed",
         ),
     ),
     *room(
@@ -33,14 +33,14 @@ CHANGES = [
             "daemon/bus/session.py",
             "        if not self.is_of_this_process:\n            raise",
             "        if False:\n            raise",
-            "a client that a forked child inherits hangs without a word",
+            "a client inherited by a forked child hangs silently",
         ),
         Change(
             "library-of-the-parent",
             "daemon/bus/after_fork.py",
             "    _stale = True\n",
             "    _stale = False\n",
-            "a fresh client in a forked child hangs without a word",
+            "a new client in a forked child hangs silently",
         ),
     ),
     *room(
@@ -50,7 +50,7 @@ CHANGES = [
             POSITIONER,
             "        if os.getpid() != self._process:\n            raise NotNow(",
             "        if False:\n            raise NotNow(",
-            "a positioner that a forked child inherits gives futures that are never done",
+            "a positioner inherited by a forked child returns futures that never complete",
             tests=(
                 "tests/daemon/client/test_positioner.py"
                 "::test_one_that_another_process_made_says_so_and_waits_for_nothing",
@@ -61,14 +61,14 @@ CHANGES = [
             POSITIONER,
             '            near &= np.isfinite(samples["measured"])\n',
             "            near &= True\n",
-            "a stage whose gauge gives nothing is said to be there",
+            "a stage whose gauge gives no reading is reported on target",
         ),
         Change(
             "a-gauge-that-disagrees-is-silent",
             POSITIONER,
             "        if there.finite and not agrees:\n",
             "        if False:\n",
-            "a stage is said to be there while its gauge is 0.4 um off",
+            "a stage is reported on target while its gauge is 0.4 um off",
         ),
     ),
 ]

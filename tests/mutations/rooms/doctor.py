@@ -15,7 +15,7 @@ CHANGES = [
             "offer-within-noise", REPLAY,
             "return self.in_use**2 - self.offered**2 > self.noise**2",
             "return self.in_use > self.offered",
-            "a model is offered that is better by chance",
+            "a model is offered that is only better by chance",
         ),
         Change(
             "lead-counts", LED, "np.where(_before(recording, first), np.nan, y)", "np.array(y)",
@@ -29,38 +29,39 @@ CHANGES = [
         ),
         Change(
             "trial-any-error", TRIAL, "if not after.model <= most:", "if False:",
-            "a model whose error has not fallen stays in use",
+            "a model whose error has not fallen remains in use",
         ),
         Change(
             "trial-nan-stays", TRIAL, "    if not math.isfinite(after.model):\n",
-            "    if False:\n", "a model of which nothing is known is judged",
+            "    if False:\n", "a model without any evidence is judged",
         ),
         Change(
             "trial-any-tracking", TRIAL,
             "after.tracking > TRIAL.grown * other * before.tracking + noise\n", "False\n",
-            "a model that worsens tracking stays in use",
+            "a model that worsens tracking remains in use",
         ),
         Change(
             "trial-no-help", TRIAL,
             "after.tracking > TRIAL.fallen * other * before.tracking\n", "False\n",
-            "a model that does not help stays in use",
+            "a model that does not help remains in use",
         ),
         Change(
             "trial-little-motion", TRIAL, "    if known < least:\n", "    if False:\n",
-            "a motion that shows nothing decides a trial",
+            "a motion without information decides a trial",
         ),
         Change(
             "trial-other-motion", TRIAL,
             "or other > TRIAL.alike:", "or False:",
-            "a good model goes because the stage is moved in steps since",
+            "a good model is withdrawn because the stage has moved in steps since",
         ),
         Change(
             "trial-settled-against", TRIAL, "if after.seconds >= TRIAL.least_s:", "if False:",
-            "a model against which something was seen stays when the time is up",
+            "a model with evidence against it stays when its time is up",
         ),
         Change(
             "trial-held-readings", TRIAL, "np.count_nonzero(s.good | s.held)",
-            "np.count_nonzero(s.good)", "with a slow gauge a trial takes many times its motion",
+            "np.count_nonzero(s.good)",
+            "with a slow gauge a trial takes many times the motion it needs",
         ),
         Change(
             "zero-jumps", REPLAY, "        c[0] += shift / gain\n", "        c[0] += 0.0\n",
@@ -69,12 +70,12 @@ CHANGES = [
         Change(
             "chance-ranks", NAMING, "if of_it >= best - noise2 else -of_it",
             "if False else -of_it",
-            "of two equally good causes, the one that did better by chance is named",
+            "the one of two equally good causes that was better by chance is named",
         ),
         Change(
             "gauge-compensated", NAMING,
             'if o.new > 0.0 and o.cause.place != "sensor"]', "if o.new > 0.0]",
-            "the stage is moved for a gauge that has become slow",
+            "a slow gauge is compensated by moving the stage",
         ),
         Change(
             "gauge-at-once", NAMING,
@@ -85,7 +86,7 @@ CHANGES = [
         Change(
             "tie-by-chance", NAMING,
             "least = max((o.new + noise2 for o in named), default=0.0)", "least = 0.0",
-            "a model of another name is offered that did better by chance",
+            "a model of another name is offered because it was better by chance",
         ),
         Change(
             "gauge-by-its-name", NAMING,
@@ -96,37 +97,37 @@ CHANGES = [
         Change(
             "one-change-any", NAMING,
             "return best if _explains_most(best, left) else None", "return best",
-            "a cause that explains only a part is named as the only one",
+            "a partial explanation is named as the only cause",
         ),
         Change(
             "little-is-first", NAMING,
             "least = max(least, WEAK * max(new.values(), default=0.0))", "least = least",
-            "a lag that was always there is reported as the change, beside friction",
+            "a lag that was always there is reported as the change, together with friction",
         ),
         Change(
             "left-at-the-gauge", NAMING,
             "if one.place != \"sensor\" or not there or is_of_sensor(one, causes, noise2):",
             "if True:",
-            "a lag that may be the amplifier's is offered at the gauge and not compensated",
+            "a lag that may be the amplifier's is placed at the gauge and not compensated",
         ),
         Change(
             "looks-alike-unnamed", NAMING,
             "cause.name in first.ambiguous_with or first.name in cause.confused_with",
             "cause.name in first.ambiguous_with",
-            "friction is reported as an asymmetry, which a loop fitted anew shows of it",
+            "friction is reported as the asymmetry that a refitted loop shows",
         ),
         Change(
             "one-change-over-a-tie", NAMING,
             "if best.new <= _explained_by(first, causes) + noise2:", "if False:",
-            "of two equally good causes, the one that did better by chance is named",
+            "the one of two equally good causes that was better by chance is named",
         ),
         Change(
             "gauge-stuck-unseen", GAUGE, "if share > GAUGE.same:", "if False:",
-            "a model is offered for a gauge that is stuck",
+            "a model is offered for a stuck gauge",
         ),
         Change(
             "gauge-far-unseen", GAUGE, "if share > GAUGE.beyond_rows:", "if False:",
-            "a model is offered for a gauge that reads nonsense",
+            "a model is offered for a gauge with meaningless readings",
         ),
     ),
     *room(
@@ -143,7 +144,7 @@ CHANGES = [
         Change(
             "offset-modelled", GAUGE,
             "if now.rms <= as_good and abs(moved) > GAUGE.zero * as_good:", "if False:",
-            "a moved zero is reported as a change of the loop's shape",
+            "a shifted zero is reported as a change of the loop's shape",
         ),
     ),
     *room(
@@ -152,7 +153,7 @@ CHANGES = [
             "picture-kills-report", "daemon/report/plotting.py",
             "    except Exception as error:  # any failure",
             "    except KeyError as error:  # any failure",
-            "a picture that cannot be drawn loses the findings of its report",
+            "a picture that cannot be drawn discards the findings of its report",
         ),
         Change(
             "log-of-nothing", "daemon/report/plotting.py",
@@ -162,17 +163,17 @@ CHANGES = [
         Change(
             "end-is-memory", "daemon/doctor/child.py",
             "    except MemoryError:", "    except (MemoryError, ValueError, AssertionError):",
-            "an examination that fails by a fault of its own is said to want more memory",
+            "an examination that crashes is reported as needing more memory",
         ),
         Change(
             "starved-is-slow", "daemon/doctor/process.py",
             "if spent_s > STARVED * time_s:", "if spent_s > time_s:",
-            "on a busy machine the doctor gives every case up",
+            "on a busy machine the doctor abandons every case",
         ),
         Change(
             "report-loses-findings", "daemon/doctor/examination.py",
             "(ArithmeticError, LookupError, TypeError, ValueError, MemoryError)", "KeyError",
-            "a report that cannot be written loses the findings",
+            "a report that cannot be written discards the findings",
         ),
     ),
     *room(
@@ -180,7 +181,7 @@ CHANGES = [
         Change(
             "busy-is-failure", "daemon/demo/second_act.py",
             "        if self.too_busy:\n", "        if False:\n",
-            "a doctor without a processor looks like one that finds nothing",
+            "a doctor that gets no processor time looks like one that finds nothing",
         ),
         Change(
             "failure-is-busy", "daemon/demo/busy.py",
@@ -191,7 +192,7 @@ CHANGES = [
         Change(
             "no-patience", "daemon/demo/busy.py",
             "self._left_s -= seconds / busy.stretch", "self._left_s -= seconds",
-            "a doctor on a busy machine is given up early",
+            "a doctor on a busy machine is abandoned too early",
         ),
     ),
     *room(
@@ -199,7 +200,7 @@ CHANGES = [
         Change(
             "line-beyond-data", "daemon/report/story.py",
             "not story.t_s[0] <= at_s <= story.t_s[-1]", "not story.t_s[0] <= at_s",
-            "a trial that ended nothing is a line beyond the data",
+            "a trial without an effect is drawn as a line outside the data",
         ),
         Change(
             "axis-of-a-jump", "daemon/report/story.py",
@@ -209,7 +210,7 @@ CHANGES = [
         Change(
             "any-second", "daemon/report/story.py",
             "    if not far[best] <= apart:\n        return None\n", "",
-            "before and after are shown at different places of the pattern",
+            "before and after are shown at different phases of the pattern",
         ),
     ),
     *room(
@@ -217,12 +218,12 @@ CHANGES = [
         Change(
             "compiles-silently", "daemon/terminal/compiling.py",
             "            if self._of.at_work:\n", "            if not self._of.at_work:\n",
-            "a kernel that takes long to compile looks like a start that hangs",
+            "a kernel that takes long to compile looks like a start that has hung",
         ),
         Change(
             "compiling-floods", "daemon/terminal/compiling.py",
             'end="\\r", file', "file",
-            "a start without kernels fills the terminal with a line each second",
+            "a start without kernels prints a line to the terminal every second",
         ),
     ),
     *room(
@@ -239,11 +240,11 @@ CHANGES = [
             "trial-without-preview", WORK,
             "USELESS = Flag.SENSOR_INVALID | Flag.SENSOR_HELD | Flag.WRITE_FAILED",
             "USELESS = Flag.SENSOR_INVALID | Flag.SENSOR_HELD | Flag.WRITE_FAILED | Flag.FALLBACK",
-            "a trial under set-points without preview sees nothing until its time is over",
+            "a trial under set-points without preview sees no data until its time is over",
         ),
         Change(
             "trial-without-end", WORK, "late = now_ns >= self._end_ns", "late = False",
-            "a stage at rest keeps a trial open for ever",
+            "a stage at rest keeps a trial open forever",
         ),
         Change(
             "trial-begins-anew", WORK,
@@ -253,12 +254,12 @@ CHANGES = [
         Change(
             "trial-judged-early", WORK,
             'if verdict.outcome == "goes" and not late and not self._doubt:', "if False:",
-            "a good model goes back for an error that passes after the switch",
+            "a good model is withdrawn for an error that is only transient after the switch",
         ),
         Change(
             "trial-blind-end", WORK, "verdict = settle_trial(*judged, self.limit_s)",
             'verdict = Verdict("stays", "unconfirmed")',
-            "a model that was seen to be worse stays because little was seen",
+            "a model that was seen to be worse stays because few data were seen",
         ),
     ),
     *room(
@@ -267,7 +268,7 @@ CHANGES = [
             "trial-other-samples", WORK,
             "other = before.expect(samples) if before is not None else",
             "other = before.expect(samples) if False else",
-            "a good model goes because the stage moves less than before the switch",
+            "a good model is withdrawn because the stage moves less than before the switch",
         ),
         Change(
             "trial-other-model", WORK,
@@ -277,7 +278,7 @@ CHANGES = [
         Change(
             "before-not-led", "daemon/gateway/model_before.py",
             "self._past(end - LED_SAMPLES, end)", "self._past(end - 1, end)",
-            "the model before is compared in a state that it never had",
+            "the previous model is compared in a state that it never had",
         ),
     ),
     *room(
@@ -285,38 +286,38 @@ CHANGES = [
         Change(
             "offer-waits-for-ever", DESK, "        elif name := self._waiting:",
             "        elif name := str():",
-            "an offer that waits for a trial's end is never put to work",
+            "an offer that waits for the end of a trial is never used",
         ),
         Change(
             "all-wait", DESK, "        if before and before != name and before in self._known:",
-            "        if False:", "an offer that a newer one replaced seems to wait for ever",
+            "        if False:", "an offer that a newer one replaced is shown as waiting forever",
         ),
         Change(
             "no-way-back", WORK, 'if verdict.outcome == "goes":\n            return',
             "if False:\n            return",
-            "a wrong model that was accepted stays in use",
+            "a wrong model remains in use after its acceptance",
         ),
         Change(
             "back-without-reload", WORK,
             "                forget_accepted(self._config.directory)\n            self._reload()",
             "                forget_accepted(self._config.directory)",
-            "the loop goes on with the wrong model",
+            "the loop continues with the wrong model",
         ),
         Change(
             "accept-twice", DESK, "        if state not in OPEN:\n            return",
-            "        if False:\n            return", "a rejected offer is put to use",
+            "        if False:\n            return", "a rejected offer is used",
         ),
     ),
     *room(
         ("tests/daemon/doctor/test_examination.py",),
         Change(
             "gauge-diagnosed", EXAMINATION, "    if fault:\n", "    if False:\n",
-            "a gauge that fails becomes a model",
+            "a failing gauge becomes a model",
         ),
         Change(
             "memory-unknown", EXAMINATION, "    flagged, good = lead_in(whole, lead_s),",
             "    flagged, good = without_lead(whole, lead_s),",
-            "creep is mistaken for a change of the loop's shape, and nothing is offered",
+            "creep is mistaken for a change of the loop's shape, so no model is offered",
         ),
     ),
     *room(
@@ -324,7 +325,7 @@ CHANGES = [
         Change(
             "observers-command", "daemon/bus/security.py",
             'QUESTIONS = ("status", ', 'QUESTIONS = ("command", "status", ',
-            "an observer commands the stage and accepts models",
+            "an observer can command the stage and accept models",
         ),
     ),
 ]  # fmt: skip

@@ -20,7 +20,7 @@ CHANGES = [
             PROFILE,
             "    positions[-1] = end\n",
             "",
-            "a move ends beside its target",
+            "a move ends off its target",
         ),
     ),
     *room(
@@ -30,7 +30,7 @@ CHANGES = [
             RECORDS,
             "        if self._source.observe:\n",
             "        if False:\n",
-            "a server that only observes moves the stage",
+            "a server that may only observe moves the stage",
         ),
         Change(
             "stop-does-nothing",
@@ -44,7 +44,7 @@ CHANGES = [
             RECORDS,
             "            if view.on_target and not view.flying:\n",
             "            if True:\n",
-            "a put with completion returns before the stage is there",
+            "a put with completion returns before the stage has arrived",
         ),
     ),
     *room(
@@ -64,14 +64,14 @@ CHANGES = [
             OPEN,
             "    if not (math.isfinite(tolerance) and tolerance >= 0.0):\n",
             "    if tolerance < 0.0:\n",
-            "a stage is never, or always, on target",
+            "a stage is never, or always, reported on target",
         ),
         Change(
             "served-to-the-network",
             OPEN,
             "    if not local and not allowed:\n",
             "    if False:\n",
-            "whoever reaches the address commands the stage, and nobody allowed it",
+            "anybody who reaches the address can command the stage, without permission",
         ),
     ),
 ]

@@ -9,7 +9,7 @@ CHANGES = room(
     ("tests/daemon/files/test_recorder.py",),
     Change(
         "earlier-pieces-given-up", PIECES, "sorted(found)] if earlier else []", "sorted(found)]",
-        "a bound on the disk deletes the pieces of an earlier recording",
+        "a limit on the disk deletes the pieces of an earlier recording",
     ),
     Change(
         "no-bound", PIECES, "while self._sizes and total > self.rotation.keep_bytes:",
@@ -18,11 +18,11 @@ CHANGES = room(
     ),
     Change(
         "growing-piece-not-counted", PIECES, "(1 + RESERVE_SHARE) * growing", "0 * growing",
-        "the disk holds a piece more than it may",
+        "the disk holds one piece more than allowed",
     ),
     Change(
         "numbers-begin-anew", PIECES, "self._number = max(found, default=0)", "self._number = 0",
-        "a second recording of weeks ends because its first piece is there already",
+        "a second long recording ends because its first piece already exists",
     ),
     Change(
         "rest-of-a-batch-dropped", RECORDER, "columns = [column[cut:] for column in columns]",
@@ -50,11 +50,12 @@ CHANGES = room(
     Change(
         "schema-with-null", MCAP, '{"type": "number", "description": name}',
         '{"type": ["number", "null"], "description": name}',
-        "Foxglove does not open the file",
+        "Foxglove cannot open the file",
     ),
     Change(
         "log-time-in-microseconds", MCAP, "np.asarray(columns[0], float) * NS",
-        "np.asarray(columns[0], float) * 1e6", "the time axis in Foxglove is a thousandth",
+        "np.asarray(columns[0], float) * 1e6",
+        "the time axis in Foxglove is a thousand times too short",
     ),
 )  # fmt: skip
 
@@ -74,7 +75,7 @@ CHANGES += room(
     ),
     Change(
         "deletion-unnoticed", APPENDED, "os.fstat(self._file).st_nlink == 0", "False",
-        "a recording that was deleted while it grew ends as if it were complete",
+        "a recording that was deleted while it was written ends as if it were complete",
     ),
     Change(
         "zero-bytes-refuse-all", UNFINISHED, 'data = data.partition(b"\\0")[0]',
@@ -82,22 +83,23 @@ CHANGES += room(
     ),
     Change(
         "cut-line-taken", UNFINISHED, 'data = data[: data.rfind(b"\\n") + 1]', "data = data[:]",
-        "a number that a kill cut short is taken for a reading",
+        "a number truncated by a kill is read as a value",
     ),
 )  # fmt: skip
 CHANGES += room(
     ("tests/daemon/files/test_times.py",),
     Change(
         "clock-not-cut", TIMES, "back = np.flatnonzero(steps < 0.0) + 1",
-        "back = np.flatnonzero(steps < -1e9) + 1", "two stretches of a recording are taken as one",
+        "back = np.flatnonzero(steps < -1e9) + 1",
+        "two separate stretches of a recording are read as one",
     ),
     Change(
         "rounded-with-a-pause", TIMES, "0.0 < off <= OFF_THE_LINE * quantum", "0.0 < off",
-        "times with a pause are spread evenly over it",
+        "times with a pause are spaced evenly",
     ),
     Change(
         "milliseconds-taken", TIMES, "if step > SLOW_STEP_S * (1.0 + 1e-6):", "if False:",
-        "milliseconds pass for seconds, and every rate of the model is wrong by a thousand",
+        "milliseconds are read as seconds, so every rate of the model is off by a factor of 1000",
     ),
 )  # fmt: skip
 CHANGES += room(
@@ -106,42 +108,42 @@ CHANGES += room(
         "unit-of-heading-lost", f"{FOREIGN}/understand.py",
         "return find_unit_key(column.unit) or split_heading(column.heading)[1]",
         "return find_unit_key(column.unit)",
-        "millivolts and micrometres of a heading are not understood",
+        "millivolts and micrometres in a heading are not recognised",
     ),
     Change(
         "first-of-two-drives", f"{FOREIGN}/understand.py",
         "if len(found) > 1 and _all_the_same(columns, found):", "if len(found) > 1:",
-        "of two columns that may be the drive one is guessed",
+        "one of two possible drive columns is guessed",
     ),
     Change(
         "displacement-unit-guessed", f"{FOREIGN}/understand.py",
-        'if not unit and role == "u":', "if not unit:", "micrometres are taken for volts",
+        'if not unit and role == "u":', "if not unit:", "micrometres are read as volts",
     ),
     Change(
         "time-unit-guessed", f"{FOREIGN}/understand.py",
-        "if not 0.0 < step < SURELY_SECONDS:", "if False:", "milliseconds are taken for seconds",
+        "if not 0.0 < step < SURELY_SECONDS:", "if False:", "milliseconds are read as seconds",
     ),
     Change(
         "decimal-comma-cut", f"{FOREIGN}/text.py",
         'body = (line.replace(",", ".") for line in body)',
         'body = (line.replace(",", "") for line in body)',
-        "a spreadsheet's numbers are read a thousandfold",
+        "a spreadsheet's numbers are read a thousand times too large",
     ),
     Change(
         "empty-place-refuses-all", f"{FOREIGN}/libraries.py", "if item.shape is None:", "if False:",
-        "an HDF5 file in which one dataset has no value is not read",
+        "an HDF5 file with an empty dataset cannot be read",
         tests=(f"{OTHERS}::test_files_made_by_the_library",),
     ),
     Change(
         "odd-bytes-in-a-name", f"{FOREIGN}/found.py", 'return raw.decode("latin-1")',
         'return raw.decode("utf-8", "surrogateescape")',
-        "a recording is read whose notes cannot be written",
+        "a recording is read with notes that cannot be written",
         tests=(f"{OTHERS}::test_text_that_is_no_utf_8_is_kept_as_what_can_be_written",),
     ),
     Change(
         "last-words-are-the-error", f"{FOREIGN}/apart.py", "    except Exception as error:",
         "    except KeyError as error:",
-        "a warning that a library gives at its end is shown in place of its error",
+        "a library's last warning is shown instead of its error",
         tests=(f"{OTHERS}::test_only_the_error_is_said_of_what_a_library_writes",),
     ),
     Change(
@@ -153,13 +155,13 @@ CHANGES += room(
     Change(
         "heading-of-several-lines", "daemon/files/loading.py",
         "column.heading, column.unit = printable(column.heading), printable(column.unit)", "pass",
-        "a heading of a file writes several lines where one is promised",
+        "a heading of a file breaks a message into several lines",
         tests=(f"{OTHERS}::test_a_name_of_several_lines_is_said_in_one",),
     ),
     Change(
         "name-of-several-lines", "daemon/files/loading.py",
         "        key = printable(given)\n", "        key = given\n",
-        "a name in an archive writes several lines where one is promised",
+        "a name in an archive breaks a message into several lines",
         tests=(f"{OTHERS}::test_a_name_of_several_lines_is_said_in_one",),
     ),
     Change(
@@ -167,7 +169,7 @@ CHANGES += room(
         "    missing = ~np.isfinite(loaded.columns[key])\n    if times.keep is not None:\n"
         "        missing &= times.keep\n",
         "    missing = ~np.isfinite(columns[key])\n",
-        "behind a row that is written twice, a missing target is named by the wrong line",
+        "after a duplicated row a missing target is reported with the wrong line number",
         tests=("tests/daemon/files/test_recordings.py",),
     ),
 )  # fmt: skip

@@ -10,7 +10,7 @@ CHANGES = [
             "daemon/main.py",
             "        if unknown:\n",
             "        if False:\n",
-            "who misspells an option is sent to the help of all commands",
+            "a misspelt option refers the user to the help of all commands",
         ),
     ),
     *room(
@@ -20,14 +20,14 @@ CHANGES = [
             "models/inverse/compiling.py",
             "preview.propose.compile((INVERSE, types.boolean))",
             "preview.propose.compile((INVERSE, types.int64))",
-            "what another process compiled is compiled again, and a first start takes longer",
+            "kernels that another process compiled are compiled again, which slows the first start",
         ),
         Change(
             "kernels-are-not-looked-for",
             "daemon/loop/compiled_apart.py",
             "if plan_is_on_disk():",
             "if False:",
-            "every start of a loop starts a process for kernels that are on disk",
+            "every start of a loop starts a process for kernels that are already on disk",
         ),
     ),
     *room(
@@ -54,7 +54,7 @@ CHANGES = [
             "daemon/gateway/publisher.py",
             'measured=mean_reading(newest["measured"]),',
             "measured=math.nan,",
-            "nobody sees where the stage is",
+            "the status does not show the position of the stage",
         ),
         Change(
             "a-start-is-not-waited-for",
@@ -78,14 +78,14 @@ CHANGES = [
             "daemon/loop/process.py",
             "        for _ in range(ATTEMPTS - 1):\n",
             "        for _ in range(0):\n",
-            "one reply that comes late at the start ends the daemon",
+            "one late reply at the start ends the daemon",
         ),
         Change(
             "a-byte-order-mark-is-an-error",
             "daemon/input_file.py",
             'path.read_text("utf-8-sig")',
             'path.read_text("utf-8")',
-            "a configuration saved by an editor of Windows is refused at line 1",
+            "a configuration saved by a Windows editor is refused at line 1",
         ),
     ),
     *room(
@@ -95,14 +95,14 @@ CHANGES = [
             "README.md",
             "install -D -m 0644 systemd/dehyst.sysusers.conf /etc",
             "cp systemd/dehyst.sysusers.conf /etc",
-            "the service has no user where /etc/sysusers.d does not exist",
+            "the service has no user if /etc/sysusers.d does not exist",
         ),
         Change(
             "the-configuration-is-everybodys",
             "README.md",
             "install -D -m 0640 stage-1/stage.toml",
             "install -D -m 0644 stage-1/stage.toml",
-            "every user of the machine reads the service's passwords",
+            "every user of the machine can read the service's passwords",
         ),
     ),
     *room(
@@ -112,7 +112,7 @@ CHANGES = [
             "daemon/loop/status.py",
             "        self._placed = True\n",
             "",
-            "after a start the same event comes every second and displaces all others",
+            "after a start the same event repeats every second and displaces all others",
         ),
     ),
     *room(
@@ -122,7 +122,7 @@ CHANGES = [
             "daemon/client/what_follows.py",
             'STAYS = "stays there until',
             'STAYS = "is told to stay there for so long until',
-            "messages are in words that nobody of the field uses",
+            "messages use words that are not used in the field",
         ),
     ),
 ]

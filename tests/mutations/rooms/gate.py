@@ -19,17 +19,17 @@ CHANGES = room(
         "        self._check_lease(now_ns, command.client, command.lease)\n"
         "        self._check_age(now_ns, command.sent_ns)\n        now = ",
         "        self._check_lease(now_ns, command.client, command.lease)\n        now = ",
-        "a chunk that was under way for seconds moves the stage",
+        "a chunk that was delayed for seconds moves the stage",
     ),
     Change(
         "late-setpoint-taken", GATE,
         "        self._check_age(now_ns, command.sent_ns)\n        self._check_values(",
         "        self._check_values(",
-        "a set-point that was under way for seconds moves the stage",
+        "a set-point that was delayed for seconds moves the stage",
     ),
     Change(
         "future-command-taken", GATE, "if age_s < -1.0:", "if age_s < -1e9:",
-        "a command with an absurd time stamp is taken",
+        "a command with an absurd time stamp is accepted",
     ),
     Change(
         "setpoint-leaves-trajectory", GATE,
@@ -39,22 +39,22 @@ CHANGES = room(
     Change(
         "clear-leaves-trajectory", GATE,
         '                self._end_trajectory("its client withdrew it")', "                pass",
-        "a trajectory that its client withdrew goes on with the next chunk",
+        "a trajectory that its client withdrew continues with the next chunk",
     ),
     Change(
         "clear-of-any-trajectory", GATE,
         "if command.trajectory == self._trajectory.number:", "if True:",
-        "a clear of an old trajectory ends the one that is played",
+        "a clear of an old trajectory ends the one being played",
     ),
     Change(
         "clear-without-lease", GATE,
         "        self._check_lease(now_ns, client, command.lease)\n        lease.heard",
-        "        lease.heard", "anybody clears the holder's trajectory",
+        "        lease.heard", "anybody can clear the holder's trajectory",
     ),
     Change(
         "loop-says-nothing", GATE,
         "if trajectory == self._trajectory.number and not running:", "if False:",
-        "a trajectory that ran dry is resumed in the middle",
+        "a trajectory that ran dry is resumed in its middle",
     ),
     Change(
         "loop-says-of-any", GATE,
@@ -68,7 +68,7 @@ CHANGES = room(
     ),
     Change(
         "resume-forgets-place", PROGRESS, 'end_ns=int(point["offset_ns"]),', "end_ns=-1,",
-        "a new gateway sends the same points twice",
+        "a new gateway sends the same points again",
     ),
     Change(
         "complete-not-over", PROGRESS, 'self.over = COMPLETE if command.last else ""',
@@ -81,7 +81,7 @@ CHANGES = room(
     ),
     Change(
         "stop-leaves-trajectory", GATE, '            self._end_trajectory("it was stopped")\n', "",
-        "a stopped stage moves on with the next chunk",
+        "a stopped stage continues to move with the next chunk",
     ),
     Change(
         "stop-needs-lease", GATE,
@@ -94,25 +94,25 @@ CHANGES = room(
         "release-is-stop", GATE,
         'LoopCommand.STOP_MOTION if action == "stop" else LoopCommand.RELEASE',
         "LoopCommand.STOP_MOTION",
-        "a release waits for the hold time",
+        "a release has to wait for the hold time",
     ),
     Change(
         "model-ends-a-scan", IN_PLAY, "float(np.fmin(self.low, reach[0]))", "reach[0]",
-        "a change of model ends the trajectory in play",
+        "a change of model ends the trajectory being played",
     ),
     Change(
         "admission-forgotten", GATE, "            self.keep(self.begun)\n        self._trajectory",
         "        self._trajectory",
-        "a gateway that is started again refuses what the one before had admitted",
+        "a restarted gateway refuses what the previous one had admitted",
     ),
     Change(
         "reach-of-another", GATE, "return (self.begun.trajectory, self.begun.client) ==",
         "return True or (self.begun.trajectory, self.begun.client) ==",
-        "a new trajectory is admitted by the reach of the one before",
+        "a new trajectory is admitted by the reach of the previous one",
     ),
     Change(
         "beyond-not-reported", GATE, 'self.report(2, "trajectory", text)', "pass",
-        "nobody learns that a scan is cut off at the new reach",
+        "a scan is cut off at the new reach without a notice",
     ),
     Change(
         "state-not-looked-at", VIEW,
@@ -122,7 +122,7 @@ CHANGES = room(
     ),
     Change(
         "dead-loop-accepts", VIEW, "if not self.alive:", "if False:",
-        "clients learn that commands were taken though no loop runs",
+        "clients are told that commands were accepted although no loop runs",
     ),
     Change(
         "no-room-for-a-stop", VIEW, "RESERVED * (records > 1)", "0",
@@ -130,11 +130,11 @@ CHANGES = room(
     ),
     Change(
         "lease-not-checked", GATE, "if self.lease.check(now_ns, client, lease):", "if True:",
-        "anybody commands the stage",
+        "anybody can command the stage",
     ),
     Change(
         "sequence-repeats", GATE, "if command.sequence <= self.lease.sequence:",
-        "if command.sequence < self.lease.sequence:", "a replayed set-point is taken again",
+        "if command.sequence < self.lease.sequence:", "a replayed set-point is accepted again",
     ),
     Change(
         "sequence-not-kept", GATE, "        self.lease.sequence = command.sequence\n", "",
@@ -146,7 +146,7 @@ CHANGES = room(
     ),
     Change(
         "infinity-passes", GATE, "np.all(np.isfinite(values))", "not np.any(np.isnan(values))",
-        "an infinite target reaches the loop where the unreachable is allowed",
+        "an infinite target reaches the loop if unreachable targets are allowed",
     ),
     Change(
         "any-unit", GATE, "if unit != self.unit:", "if False:",
@@ -162,7 +162,7 @@ CHANGES = room(
     ),
     Change(
         "times-may-stand", PROGRESS, "np.any(offsets[1:] <= offsets[:-1])",
-        "np.any(offsets[1:] < offsets[:-1])", "two targets at one time: a jump",
+        "np.any(offsets[1:] < offsets[:-1])", "two targets at the same time cause a jump",
     ),
     Change(
         "negative-times", PROGRESS, "if offsets[0] < 0 or ", "if ",
@@ -179,15 +179,15 @@ CHANGES = room(
     ),
     Change(
         "duplicate-played", PROGRESS, "0 <= command.index < self.next_index", "False",
-        "a chunk whose answer was lost is an error, or played twice",
+        "a chunk whose reply was lost causes an error, or is played twice",
     ),
     Change(
         "stopped-duplicate", PROGRESS, 'passed_on and self.over in ("", COMPLETE)', "passed_on",
-        "a client that repeats a chunk after a stop believes that it is played",
+        "a client that repeats a chunk after a stop believes that it is being played",
     ),
     Change(
         "dense-points", PROGRESS, "if span_ns < 0.7 * gaps", "if span_ns < 0.0 * gaps",
-        "points closer than the period fill the queue",
+        "points closer together than the period fill the queue",
     ),
     Change(
         "queue-without-end", PROGRESS, "if ahead_s + span_s > self.most_s:", "if False:",
@@ -195,11 +195,11 @@ CHANGES = room(
     ),
     Change(
         "queue-forgets-passed", PROGRESS, "+ sum(s for _, s in self._passed)", "",
-        "more trajectory than configured is ahead of the loop",
+        "more trajectory than configured is queued ahead of the loop",
     ),
     Change(
         "trajectory-zero", PROGRESS, "if command.trajectory == 0:", "if False:",
-        "a trajectory without number cannot be distinguished from none",
+        "a trajectory without a number cannot be distinguished from none",
     ),
     Change(
         "others-trajectory", PROGRESS,
@@ -208,7 +208,7 @@ CHANGES = room(
     ),
     Change(
         "drift-a-thousand-times", LEASE, "CLOCK_DRIFT = 1e-3", "CLOCK_DRIFT = 1.0",
-        "a command of any age counts as fresh after some seconds",
+        "after some seconds a command of any age counts as fresh",
     ),
     Change(
         "no-drift", LEASE, "CLOCK_DRIFT = 1e-3", "CLOCK_DRIFT = 0.0",
@@ -216,11 +216,11 @@ CHANGES = room(
     ),
     Change(
         "lease-never-ends", LEASE, "now_ns - self._seen_ns <= self.length_ns", "True",
-        "a client that has gone keeps the stage",
+        "a client that has disconnected keeps the stage",
     ),
     Change(
         "lease-number-ignored", LEASE, "and client == self.client and lease == self.lease",
-        "and client == self.client", "commands recorded under an earlier lease are taken",
+        "and client == self.client", "commands recorded under an earlier lease are accepted",
     ),
     Change(
         "acquire-takes-over", GATE,
@@ -233,7 +233,7 @@ CHANGES = room(
     ),
     Change(
         "give-up-keeps", LEASE, "self.client = self.lease = 0\n        self.label",
-        "self.label", "a lease that was given up keeps others away",
+        "self.label", "a lease that was given up still excludes others",
     ),
     Change(
         "late-loses-lease", LEASE, "        self._seen_ns = now_ns\n\n    def age_ns",
@@ -242,18 +242,18 @@ CHANGES = room(
     Change(
         "player-takes-every-no-as-final", PLAYER, "waits = code in CODES and CODES[code].waits",
         'waits = code == "queue-full"',
-        "a loop that starts, or a slow network, ends a night's scan",
+        "a starting loop, or a slow network, ends a scan that runs overnight",
         tests=("tests/daemon/client/test_playing_on.py",),
     ),
     Change(
         "player-waits-for-ever", PLAYER,
         "            waits = now_ns - self.asked_since_ns <= PATIENCE_S * 1e9\n", "",
-        "a daemon that always asks for time is waited for without an end",
+        "a client waits forever for a daemon that keeps asking for time",
         tests=("tests/daemon/client/test_playing_on.py",),
     ),
     Change(
         "accept-without-asking", ACCEPT, "return reach[0] > status.reach_min + slack or",
-        "return False and", "a scan in play is cut by an accepted model, and nobody is asked",
+        "return False and", "an accepted model cuts off the scan being played without a question",
         tests=("tests/daemon/commands/test_accept_says.py",),
     ),
 )  # fmt: skip

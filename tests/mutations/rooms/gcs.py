@@ -14,7 +14,7 @@ CHANGES = [
             GRAMMAR,
             "            elif len(self._line) >= LONGEST:\n",
             "            elif False:\n",
-            "a line without an end fills the memory",
+            "a line without an end fills up the memory",
         ),
         Change(
             "wave-jumps",
@@ -38,14 +38,14 @@ CHANGES = [
             CONTROLLER,
             "            self._need_servo(name)\n            view",
             "            view",
-            "MOV moves an axis whose servo is off",
+            "MOV moves an axis with its servo off",
         ),
         Change(
             "leaves-the-stage",
             CONTROLLER,
             "                self.held.let_go()\n            except",
             "                pass\n            except",
-            "the stage stays high after the program that commanded it has gone",
+            "the stage stays at a high voltage after the program that commanded it has gone",
         ),
         Change(
             "others-axes-leave-too",
@@ -66,7 +66,7 @@ CHANGES = [
             CONTROLLER,
             "        raise GcsError(GcsCode.STOP",
             "        return str(GcsCode.STOP",
-            "a program does not learn that it was stopped",
+            "a program is not informed that it was stopped",
         ),
     ),
 ]

@@ -22,7 +22,7 @@ CHANGES = room(
         VALIDATION,
         "return late if np.mean(late) <= RARE else",
         "return late if np.mean(late) <= 1.0 else",
-        "of a recording with stamps that jitter hardly a row is judged",
+        "hardly any row is judged in a recording with jittering time stamps",
     ),
 ) + room(
     ("tests/models/identify/test_intervals.py",),
@@ -53,15 +53,15 @@ CHANGES = room(
     ("tests/models/identify/test_timing.py",),
     Change(
         "any-start-is-believed", START, "if not setup.virgin:",
-        "if True:", "a stage that was exercised before is fitted from the virgin curve",
+        "if True:", "a stage that was exercised before is fitted with the virgin curve",
     ),
     Change(
         "start-may-cost-much", TUNING, "start_costs: float = 0.25", "start_costs: float = 2.0",
-        "a wrong start is believed",
+        "a wrong initial state is accepted",
     ),
     Change(
         "any-lag-that-helps", TUNING, "clear_lag: float = 0.85", "clear_lag: float = 0.999",
-        "a lag that the stage does not have is accepted for a small gain",
+        "a lag that the stage does not have is accepted for a small improvement",
         survives="a second gate behind it, paired over the stretches, refuses the same",
     ),
 ) + room(
@@ -83,34 +83,35 @@ CHANGES = room(
     ("tests/models/identify/test_start.py",),
     Change(
         "start-without-time", START, "= out[:, 0] - u\n", "= 0.0\n",
-        "a lag hides that the stage had been moved before",
+        "a lag hides that the stage was moved before",
     ),
 ) + room(
     ("tests/models/identify/test_coupling.py",),
     Change(
         "coupling-never-pays", TUNING, "coupling_pays: float = 0.05", "coupling_pays: float = 2.0",
-        "no model contains the coupling of other axes",
+        "no model contains the coupling from other axes",
     ),
     Change(
         "coupling-always-pays", "models/identify/coupling.py",
         "        trials = [trial for trial in trials if trial[2]]\n", "",
-        "a coupling is in the model where there is none",
+        "a model contains a coupling although there is none",
     ),
 ) + room(
     ("tests/daemon/commands/test_scan.py",),
     Change(
         "scan-out-of-reach", "daemon/client/scan_check.py", "(UNREACHABLE, \"out of reach\")",
-        "(0, \"out of reach\")", "a path that an axis cannot follow is written",
+        "(0, \"out of reach\")", "a path is written that an axis cannot follow",
     ),
     Change(
         "scan-too-fast", "daemon/client/scan_check.py", "(FLAG_SLEW, ", "(0, ",
-        "a path faster than the slew limit is written",
+        "a path is written that is faster than the slew limit",
     ),
 ) + room(
     ("tests/daemon/acquire/test_axes.py",),
     Change(
         "axes-in-step", "daemon/acquire/axes.py", "PACES = (1.0, 0.83, 0.71)",
-        "PACES = (1.0, 1.0, 1.0)", "axes that move together cannot be distinguished",
+        "PACES = (1.0, 1.0, 1.0)",
+        "axes that move together are not recognised as indistinguishable",
     ),
 )  # fmt: skip
 CHANGES += room(
@@ -127,14 +128,14 @@ CHANGES += room(
         RESULT,
         "    one_rate = _is_one_loop(setup.rows, setup.span)\n",
         "    one_rate = False\n",
-        "a lag is claimed that another rate refutes",
+        "a lag is reported that another rate refutes",
     ),
     Change(
         "jitter-of-a-wrong-structure",
         LAGS,
         "            powers.append(0.5 * np.diff(e[at])[keep] ** 2)\n",
         "            powers.append(e[at][1:][keep] ** 2)\n",
-        "a lag that two rates show is missed where the first structure is wrong",
+        "a lag that two rates show is missed if the first structure is wrong",
         survives="few stages show it: the benchmark `outside` then counts 35 of 40",
     ),
 ) + room(
@@ -144,14 +145,14 @@ CHANGES += room(
         BAND,
         "if not other.invertible or other.superseded:",
         "if False:",
-        "an interval is as wide as a structure is off that was never to be taken",
+        "an interval includes the error of a structure that could never be chosen",
     ),
     Change(
         "misfit-is-noise",
         BAND,
         "np.quantile(np.abs(jackknife.left_out), 0.95)",
         "Z95 * np.std(jackknife.left_out)",
-        "an interval is wider than all that the model misses",
+        "an interval is wider than the whole misfit of the model",
     ),
     Change(
         "one-waveform-is-all",
@@ -172,20 +173,20 @@ CHANGES += room(
         VALIDATION,
         "stated = ~(outside | _find_slower(model, u, t))",
         "stated = ~outside",
-        "an interval is judged on holds that no recording had",
+        "an interval is judged on holds that no recording contained",
     ),
     Change(
         "wide-is-right",
         VALIDATION,
         "NARROW, WIDE = 0.85, 0.99",
         "NARROW, WIDE = 0.85, 2.0",
-        "an interval of any width is as good as it claims",
+        "an interval of any width counts as correct",
     ),
     Change(
         "first-direction-turns",
         "models/signals/ways.py",
         "turns += [low] if direction else []",
         "turns += [low]",
-        "one loop that begins in the middle is taken for two sizes",
+        "a single loop that begins in its middle counts as two sizes",
     ),
 )

@@ -14,14 +14,14 @@ CHANGES = [
             MICROSCOPE,
             "np.mean(lines[1::2], axis=0)",
             "np.mean(lines[0::2], axis=0)",
-            "a picture that is torn between trace and retrace has no seam",
+            "a picture that is torn between trace and retrace is reported without a seam",
         ),
         Change(
             "distortion-without-y",
             MICROSCOPE,
             "for true, wanted in ((self.true_x, self.scan.x), (self.true_y, self.scan.y))",
             "for true, wanted in ((self.true_x, self.scan.x),)",
-            "what the slow axis does wrong is not counted",
+            "errors of the slow axis are not counted",
         ),
     ),
     *room(
@@ -31,7 +31,7 @@ CHANGES = [
             EXPERIMENT,
             "followed = run.follow({axis: targets[axis] + used[axis] for axis in targets})",
             "followed = run.follow(targets)",
-            "what was learned is not sent to the stage, and the picture calls itself learned",
+            "the learned correction is not sent, but the picture is labelled as learned",
         ),
     ),
 ]

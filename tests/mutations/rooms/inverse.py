@@ -15,7 +15,7 @@ CHANGES = [
             REACH,
             "    acting = [b for b in model.blocks if _acts_at_rest(b)]\n",
             "    acting: list[Block] = []\n",
-            "the reach leaves the blocks out: targets are refused that can be reached",
+            "the reach ignores the blocks, so reachable targets are refused",
         ),
         Change(
             "reach-ignores-clip",
@@ -29,14 +29,14 @@ CHANGES = [
             REACH,
             "    return block.place == \"stage\" and",
             "    return block.place != \"drive\" and",
-            "the reach is that of the reading, not of the stage",
+            "the reach is that of the reading instead of the stage",
         ),
     ),
     *room(
         ("tests/models/inverse/test_static.py",),
         Change(
             "walk-wrong-way", STATIC, "up = (rest > 0.0) == (total > 0.0)",
-            "up = rest > 0.0", "a falling stage is driven the wrong way",
+            "up = rest > 0.0", "a falling stage is driven in the wrong direction",
         ),
         Change(
             "last-piece", STATIC, "    v += rest / slope\n    return max(v, v_min), v >= v_min",
@@ -61,7 +61,7 @@ CHANGES = [
             "offset-not-added", STATIC,
             "return min(max(v + u_offset, drive_min), drive_max), flags",
             "return min(max(v, drive_min), drive_max), flags",
-            "a bipolar stage is driven with an offset",
+            "a bipolar stage is driven with a wrong offset",
         ),
         Change(
             "not-clamped", STATIC, "return min(max(v + u_offset, drive_min), drive_max), flags",
@@ -81,7 +81,7 @@ CHANGES = [
         ("tests/models/inverse/test_modes.py",),
         Change(
             "mode-undone-where-unstable", MODE, "return rings <= math.exp(-dt / RINGS_S) and",
-            "return True or", "a drive that undoes a mode grows without bound",
+            "return True or", "the drive that inverts a mode grows without bound",
         ),
         Change(
             "mode-from-the-drive-before", MODE, "turn * s.x - free)", "turn * s.x)",
@@ -91,7 +91,7 @@ CHANGES = [
             "mode-undone-from-what-was-applied", CASCADE,
             "_from + b.own : b.s_from + 2 * b.own] = after",
             "_from + b.own : b.s_from + 2 * b.own] = states[b.s_from : b.s_from + b.own]",
-            "a step beyond the slew rate makes the drive swing between its ends for ever",
+            "a step beyond the slew rate makes the drive oscillate between its limits forever",
         ),
     ),
     *room(
@@ -135,7 +135,8 @@ CHANGES = [
         ("tests/models/cascade/test_cascade.py",),
         Change(
             "late-memory", "models/inverse/compensator.py", "pack(with_delays_behind(model), ",
-            "pack(model, ", "after a late drive a rate-dependent stage is driven past its target",
+            "pack(model, ",
+            "after a delayed drive a rate-dependent stage is driven past its target",
         ),
     ),
 ]  # fmt: skip

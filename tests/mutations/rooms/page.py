@@ -17,23 +17,23 @@ CHANGES = [
             "wrong-guess-costs-nothing", GUESSES,
             "max(self._even_ns.pop(key, now_ns), now_ns) + self._each_ns",
             "max(self._even_ns.pop(key, now_ns), now_ns)",
-            "passwords are guessed as fast as the network carries them",
+            "passwords can be guessed as fast as the network allows",
         ),
         Change(
             "one-guesser-slows-everybody", GUESSES, "    return str(found)\n\n",
             '    return "everybody"\n\n',
-            "the right password waits while a stranger guesses",
+            "the correct password has to wait while a stranger guesses",
         ),
     ),
     *room(
         (f"{STRANGERS}::test_guesses_are_slow_whichever_way_and_nobody_else_waits",),
         Change(
             "tokens-guessed-freely", PEOPLE, "        if token or kind:\n", "        if False:\n",
-            "session tokens are guessed as fast as the network carries them",
+            "session tokens can be guessed as fast as the network allows",
         ),
         Change(
             "header-that-is-no-text", PEOPLE, "except ValueError:", "except KeyError:",
-            "a stranger's header ends in a traceback for each request",
+            "a stranger's header causes a traceback for each request",
         ),
     ),
     *room(
@@ -41,32 +41,33 @@ CHANGES = [
         Change(
             "log-out-leaves-the-socket", SERVER,
             "lambda: not by_session or self.people.lasts(token)", "lambda: True",
-            "who has logged out goes on commanding the stage",
+            "a logged-out user continues to command the stage",
         ),
     ),
     *room(
         (f"{STRANGERS}::test_500_connections_that_say_nothing_cost_nobody_anything",),
         Change(
             "half-heads-wait-for-ever", DOORS, "call_later(HEAD_S, self.transport.abort)",
-            "call_later(1e6, self.transport.abort)", "silent connections stay for ever",
+            "call_later(1e6, self.transport.abort)", "silent connections stay forever",
         ),
         Change(
             "waiting-not-bounded", DOORS, "if len(mine) > MOST_OF_ONE:", "if False:",
-            "one address keeps all places of those who wait",
+            "one address occupies all places of waiting connections",
         ),
     ),
     *room(
         (f"{STRANGERS}::test_silent_connections_before_tls_cost_nobody_anything",),
         Change(
             "handshakes-wait-for-ever", DOORS, '"ssl_handshake_timeout": HEAD_S',
-            '"ssl_handshake_timeout": 600.0', "silent connections before TLS stay for ever",
+            '"ssl_handshake_timeout": 600.0', "silent connections before TLS stay forever",
         ),
     ),
     *room(
         (f"{STRANGERS}::test_a_body_of_which_nothing_comes_is_given_up",),
         Change(
             "body-waited-for", SERVER, "async with asyncio.timeout(STALLED_S):",
-            "async with asyncio.timeout(None):", "half-sent files keep the places of their address",
+            "async with asyncio.timeout(None):",
+            "half-sent files occupy the places of their address",
         ),
     ),
     *room(
@@ -74,18 +75,18 @@ CHANGES = [
         Change(
             "places-for-everybody-together", SERVER,
             "self._visits[address] >= MOST_VISITS_OF_ONE or", "self._visits.total() >= 64 or",
-            "the pages of one address leave nobody else a place",
+            "the pages of one address leave no place for anybody else",
         ),
     ),
     *room(
         (f"{STRANGERS}::test_a_wrong_frame_costs_its_sender_alone",),
         Change(
             "binary-frame-not-refused", WIRE, "    if text is None:\n", "    if False:\n",
-            "a binary frame ends in a traceback",
+            "a binary frame causes a traceback",
         ),
         Change(
             "deep-frame-not-refused", WIRE, "except RecursionError:", "except KeyError:",
-            "a deeply nested frame ends in a traceback",
+            "a deeply nested frame causes a traceback",
         ),
     ),
     *room(
@@ -93,30 +94,30 @@ CHANGES = [
         Change(
             "deaf-pages-stay", DOORS,
             "        super().keepalive_timeout()\n        self.transport.abort()\n",
-            "        pass\n", "a page that has gone without a word keeps its place for ever",
+            "        pass\n", "a page that disappeared silently keeps its place forever",
         ),
     ),
     *room(
         (f"{STRANGERS}::test_a_port_that_is_busy_is_said_in_one_line",),
         Change(
             "busy-port-in-numbers", DOORS, "    if error.errno == errno.EADDRINUSE:\n",
-            "    if False:\n", "a busy port is said as a number of the system",
+            "    if False:\n", "a busy port is reported as a system error number",
         ),
     ),
     *room(
         (PROXY,),
         Change(
             "public-origin-refused", GUARD, "or public.called(headers)", "or False",
-            "the page behind a proxy loads and commands nothing",
+            "the page loads through a proxy but cannot command",
         ),
         Change(
             "path-kept-is-not-found", GUARD, 'if self._public.path and scope["path"]',
-            'if False and scope["path"]', "a proxy that leaves the path gets 404 for everything",
+            'if False and scope["path"]', "a proxy that keeps the path gets 404 for everything",
         ),
         Change(
             "public-page-without-passwords", "daemon/bus/security.py",
             "            if not passwords:\n", "            if False:\n",
-            "whoever reaches the proxy moves the stage",
+            "anybody who reaches the proxy can move the stage",
         ),
     ),
     *room(
@@ -124,7 +125,7 @@ CHANGES = [
         Change(
             "earlier-file-shown", f"{STATIC}/files.js",
             "      if (turn === this.turn) this.show(job);", "      this.show(job);",
-            "the figures of an earlier file stand below the new one, and play plays it",
+            "the figures of an earlier file are shown with the new one, and play plays that file",
         ),
     ),
     *room(
@@ -136,7 +137,7 @@ CHANGES = [
         ),
         Change(
             "arrows-the-wrong-way", f"{STATIC}/keys.js", "ArrowUp: [1, 1]", "ArrowUp: [1, -1]",
-            "an arrow moves the stage away from where it points",
+            "an arrow moves the stage opposite to its direction",
         ),
     ),
     *room(
@@ -144,14 +145,14 @@ CHANGES = [
         Change(
             "steps-beyond-the-reach", f"{STATIC}/now.js",
             "Math.min(reach[1], Math.max(reach[0], from + times * size))", "from + times * size",
-            "the last step before the end of the reach is refused",
+            "the last step before the end of the range is refused",
         ),
     ),
     *room(
         (f"{PICTURES}::test_noise_at_rest_is_a_small_part_of_the_picture",),
         Change(
             "noise-fills-the-chart", f"{STATIC}/plot.js", "() => 0.05 * span()", "() => 0",
-            "a stage at rest looks as if it shook",
+            "a stage at rest seems to shake",
         ),
     ),
     *room(
@@ -160,7 +161,7 @@ CHANGES = [
         Change(
             "hold-refused-at-rest", "daemon/page/commanding.py",
             'if refused.code != "unreachable":', "if True:",
-            "hold is refused where it is wanted most",
+            "hold is refused when it is needed most",
         ),
     ),
     *room(
@@ -175,12 +176,12 @@ CHANGES = [
         Change(
             "programs-shut-out", GUARD, '            anywhere = "origin" not in headers\n',
             "            anywhere = False\n",
-            "a program that is no browser cannot use the WebSocket",
+            "a program other than a browser cannot use the WebSocket",
         ),
         Change(
             "any-site-commands", GUARD, '            anywhere = "origin" not in headers\n',
             "            anywhere = True\n",
-            "a page of another site, open in the same browser, commands the stage",
+            "a page of another site in the same browser can command the stage",
         ),
     ),
 ]  # fmt: skip

@@ -12,14 +12,14 @@ CHANGES = [
             EXPERIMENTS,
             "inside = error[reachable]",
             "inside = error",
-            "rows that no drive can reach are counted as an error of the inverse",
+            "rows that no drive can reach count as errors of the inverse",
         ),
         Change(
             "paper-noise-left-out",
             EXPERIMENTS,
             "predicted - measured,",
             "predicted - true,",
-            "the errors here have no sensor noise, those of the paper have",
+            "the errors here exclude sensor noise, unlike those of the paper",
         ),
     ),
 ]

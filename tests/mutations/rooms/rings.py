@@ -8,7 +8,7 @@ CHANGES = room(
     ("tests/daemon/rings/test_ring.py",),
     Change(
         "torn-records", RING, "        if not whole.all():", "        if False:",
-        "telemetry shows records that were overwritten while they were read",
+        "telemetry shows records that were overwritten while being read",
     ),
     Change(
         "lost-not-counted", RING, "return out, stop, stop - tail - out.size",
@@ -44,12 +44,12 @@ CHANGES = room(
     ),
     Change(
         "stale-never", RING, "return os.stat(self.path).st_ino != self._inode",
-        "return False", "the gateway goes on with the rings of a loop that has died",
+        "return False", "the gateway continues with the rings of a dead loop",
     ),
     Change(
         "a-damaged-number-ends-the-gateway", "daemon/gateway/core_rings.py",
         "except (ProcessLookupError, OverflowError):", "except ProcessLookupError:",
-        "a gateway ends on a ring whose process number is damaged",
+        "a damaged process number in a ring ends the gateway",
         tests=("tests/daemon/gateway/test_left_over_rings.py",),
     ),
 )  # fmt: skip

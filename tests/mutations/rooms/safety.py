@@ -16,7 +16,7 @@ CHANGES = [
         Change(
             "planted-case", "daemon/files/cases.py",
             "    if reason := why_not_trusted(directory):", "    if reason := \"\":",
-            "a case that somebody else laid into the watch directory goes to work",
+            "a case that another user placed in the watch directory is processed",
         ),
     ),
     *room(
@@ -24,17 +24,17 @@ CHANGES = [
         Change(
             "safe-moves-anyone", "daemon/service/safe_state.py",
             "            expect_known(config, ACTUATOR, actuator)\n", "            pass\n",
-            "`dehyst safe` ramps somebody else's stage",
+            "`dehyst safe` ramps another user's stage",
         ),
         Change(
             "start-takes-anyone", "daemon/files/known_units.py",
             "        device.expect(known)\n", "        pass\n",
-            "a fresh start drives whatever unit is behind the port",
+            "the first start drives whatever unit is at the port",
         ),
         Change(
             "blank-is-anyone", "drivers/interface.py",
             "return self != known if not (self.serial and known.serial) else ",
-            "return ", "a unit without a serial number is taken for any other without one",
+            "return ", "a unit without a serial number passes for any other without one",
         ),
     ),
     *room(
@@ -51,7 +51,7 @@ CHANGES = [
             "lost-folder-kills", "daemon/rings/ring_file.py",
             "        except OSError:\n            return False",
             "        except OSError:\n            return True",
-            "a healthy loop is killed because its run folder was removed",
+            "a healthy loop is killed because its run folder was deleted",
         ),
     ),
     *room(
@@ -59,7 +59,7 @@ CHANGES = [
         Change(
             "supervisor-writes-its-log-itself", "daemon/main.py",
             "        log_lines.keep_going(command)\n", "",
-            "a terminal that was stopped stops supervisor, loop and safe state",
+            "a suspended terminal stops supervisor, loop and safe state",
         ),
     ),
     *room(
@@ -68,7 +68,7 @@ CHANGES = [
             "damaged-ring-stays", "daemon/loop/status.py",
             "                    self.stepper.events.append(f\"{name}.ring was damaged;",
             "                    [].append(f\"{name}.ring was damaged;",
-            "a ring that was overwritten is put right and nobody learns of it",
+            "an overwritten ring is repaired without a message",
         ),
     ),
     *room(
@@ -78,7 +78,7 @@ CHANGES = [
             "        self._check_lease(now_ns, client, command.lease)\n"
             "        lease.heard(now_ns, command.sent_ns)\n        if action == \"zero\":",
             "        if action == \"zero\":",
-            "whoever may command at all ends the lease of the client that moves the stage",
+            "anybody who may command can end the lease of the client that moves the stage",
         ),
     ),
     *room(
@@ -91,7 +91,7 @@ CHANGES = [
         ),
         Change(
             "log-counts-nothing", "daemon/log_lines.py", "        self._unsaid += lines\n", "",
-            "lines are missing from the log and nobody knows",
+            "lines are missing from the log without a notice",
         ),
     ),
     *room(
@@ -100,13 +100,13 @@ CHANGES = [
             "end-taken-back", STATES,
             "stopping  x        x        x        x        x        x        x        x        -",
             "stopping  running  x        x        x        x        x        x        x        -",
-            "a set-point that comes while the daemon ends keeps the output high",
+            "a set-point that arrives while the daemon ends keeps the output high",
         ),
         Change(
             "fault-takes-targets", STATES,
             "fault     x        x        x        x        x        -        holding  ready",
             "fault     running  x        x        x        x        -        holding  ready",
-            "set-points are followed on an amplifier that contradicts them",
+            "set-points are followed although the amplifier contradicts them",
         ),
         Change(
             "stop-not-taken", STATES,
@@ -118,7 +118,7 @@ CHANGES = [
             "stale-not-taken", STATES,
             "running   -        holding  holding  holding  x        fault    x",
             "running   -        holding  holding  -        x        fault    x",
-            "a stage whose client has gone stays at a high voltage for ever",
+            "a stage whose client has gone stays at a high voltage forever",
         ),
         Change(
             "release-in-ready", STATES, "ready     running  -        holding",
@@ -129,7 +129,7 @@ CHANGES = [
             "hold-on-fault-ramps", STATES,
             "fault     x        x        x        x        x        -        holding  ready",
             "fault     x        x        x        x        x        -        holding  holding",
-            "safe.on_fault = hold ramps nevertheless",
+            "a fault ramps the output although safe.on_fault = hold",
         ),
     ),
     *room(
@@ -145,19 +145,20 @@ CHANGES = [
         Change(
             "a-lost-exit-stays-lost", "daemon/service/requests.py",
             "            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)\n", "            pass\n",
-            "a loop that compiles goes on for a minute after SIGTERM",
+            "a compiling loop continues for a minute after SIGTERM",
         ),
         Change(
             "swallowed-end-runs-on", "daemon/service/requests.py",
             "        if self._ended:\n            raise SystemExit(NOT_MOVED)\n        thread",
-            "        thread", "a core that was asked to end while it compiled drives the stage",
+            "        thread", "a core that was asked to end while compiling drives the stage",
         ),
     ),
     *room(
         ("tests/daemon/loop/test_device_link.py",),
         Change(
             "odd-error-ends-reconnection", "daemon/loop/devices.py", "except Exception as error:",
-            "except DriverError as error:", "a device whose driver fails oddly never comes back",
+            "except DriverError as error:",
+            "a device whose driver raises an unusual error never reconnects",
         ),
     ),
     *room(
@@ -168,24 +169,25 @@ CHANGES = [
         ),
         Change(
             "safe-stops-short", "daemon/loop/devices.py", "while volts != goal:",
-            "while abs(volts - goal) > 1.0:", "`dehyst safe` ends a volt from the safe voltage",
+            "while abs(volts - goal) > 1.0:",
+            "`dehyst safe` ends a volt away from the safe voltage",
         ),
     ),
     *room(
         ("tests/daemon/loop/test_slew_by_the_clock.py",),
         Change(
             "slew-by-the-grid", SAMPLE, "c.move_ns = min(max(since_ns, 0), p.period_ns)",
-            "c.move_ns = p.period_ns", "late samples are caught up with, faster than the limit",
+            "c.move_ns = p.period_ns", "late samples are caught up by steps above the slew limit",
         ),
         Change(
             "slew-from-the-begin", SAMPLE,
             "c.wrote_ns = written_ns - (_surely_after(c.least_ns) if c.writes > ENOUGH else 0)",
             "c.wrote_ns = written_ns - call_ns",
-            "a long call followed by a short one: two steps within a few milliseconds",
+            "a long call before a short one allows two steps within a few milliseconds",
         ),
         Change(
             "slew-over-a-fault", SAMPLE, "        c.wrote_ns, c.move_ns = clock_ns, 0\n", "",
-            "a command that a unit carries out late, and another step immediately after it",
+            "a late command of a unit is followed at once by another step",
         ),
     ),
     *room(
@@ -193,18 +195,18 @@ CHANGES = [
         Change(
             "dead-core-left-high", LIFE, "beating   -        saving   saving   saving   saving",
             "beating   -        saving   waiting  saving   saving",
-            "a killed core is restarted from wherever the output is",
+            "a killed core is restarted from any output voltage",
         ),
         Change(
             "hang-left-high", LIFE, "beating   -        saving   saving   saving   saving",
             "beating   -        waiting  saving   saving   saving",
-            "a core that hung is restarted from wherever the output is",
+            "a hung core is restarted from any output voltage",
         ),
         Change(
             "unsafe-starts", LIFE,
             "unsafe    -        -        -        -        -        -        -        saving ",
             "unsafe    -        -        -        -        -        -        -        starting",
-            "a core is started though the output could not be made safe",
+            "a core is started although the output could not be made safe",
         ),
         Change(
             "killed-end-is-the-end", LIFE, "ending    -        last     last     last     over",
@@ -223,12 +225,12 @@ CHANGES = [
         Change(
             "hang-not-seen", HEARTBEAT,
             "return self.still_s > (self.limit_s if self.moves else START_S)",
-            "return self.still_s > START_S", "a core that hangs keeps the output high for minutes",
+            "return self.still_s > START_S", "a hanging core keeps the output high for minutes",
         ),
         Change(
             "start-is-a-hang", HEARTBEAT,
             "return self.still_s > (self.limit_s if self.moves else START_S)",
-            "return self.still_s > self.limit_s", "a core that compiles its kernels is killed",
+            "return self.still_s > self.limit_s", "a core is killed while it compiles its kernels",
         ),
         Change(
             "another-ones-ring", HEARTBEAT, "if self._ring.pid != self._pid:", "if False:",
@@ -238,7 +240,7 @@ CHANGES = [
             "machine-stood-still", HEARTBEAT,
             "passed_s = min((now_ns - self._looked_ns) * 1e-9, LONGEST_LOOK_S)",
             "passed_s = (now_ns - self._looked_ns) * 1e-9",
-            "a machine that was suspended kills all its cores",
+            "a suspend of the machine kills all its cores",
         ),
         Change(
             "nothing-to-take", HEARTBEAT, "passed_s if wrote and tail != head else 0.0",
@@ -249,7 +251,7 @@ CHANGES = [
         (RUNS,),
         Change(
             "no-back-off", SUPERVISOR, "min(2 * self.pause_s, LONGEST_PAUSE_S)", "FIRST_PAUSE_S",
-            "a process that cannot start is restarted twice a second for ever",
+            "a process that cannot start is restarted twice a second forever",
             tests=(f"{RUNS}::test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready",),
         ),
         Change(
@@ -269,7 +271,7 @@ CHANGES = [
         ),
         Change(
             "ramp-cut", SUPERVISOR, "return self.controller.longest_ramp_s + SPARE_S",
-            "return SPARE_S", "a slow ramp is cut half-way",
+            "return SPARE_S", "a slow ramp is interrupted half-way",
             tests=(f"{RUNS}::test_a_long_ramp_is_waited_for",),
         ),
         Change(
@@ -295,15 +297,15 @@ CHANGES = [
         ("tests/daemon/rings/test_run_folder.py",),
         Change(
             "folder-of-anybody", FOLDER, "    if found.st_uid != system.user_id():\n        return",
-            "    if False:\n        return", "rings lie in a folder that belongs to somebody else",
+            "    if False:\n        return", "the rings are placed in another user's folder",
         ),
         Change(
             "folder-open", FOLDER, "    if system.others_may(found):",
-            "    if False:", "anybody can place files where the loop reads",
+            "    if False:", "anybody can place files where the loop reads them",
         ),
         Change(
             "folder-link", FOLDER, "    if not stat.S_ISDIR(found.st_mode):", "    if False:",
-            "a link in place of the folder redirects the daemon",
+            "a link instead of the folder redirects the daemon",
         ),
     ),
     *room(
@@ -325,19 +327,19 @@ CHANGES = [
             "unit-of-the-run-before", "daemon/gateway/publisher.py",
             "        self._admission.unit = self.unit\n",
             "        self._admission.unit = self._admission.unit or self.unit\n",
-            "set-points in the unit of an earlier model are taken: off by 1000",
+            "set-points in the unit of an earlier model are accepted, off by a factor of 1000",
         ),
     ),
     *room(
         (HOSTILE,),
         Change(
             "slow-subscriber-kept", SESSION, "        end_unread_connections(UNREAD_MS)\n", "",
-            "a few subscribers that do not read silence everybody",
+            "a few subscribers that do not read block everybody",
             tests=("tests/daemon/bus/test_session.py",),
         ),
         Change(
             "slow-subscriber-waited-for", SESSION, "wait_before_drop\": 1000,",
-            "wait_before_drop\": 2_000_000,", "each full link delays all others for seconds",
+            "wait_before_drop\": 2_000_000,", "each congested link delays all others for seconds",
             tests=(f"{HOSTILE}::test_subscribers_that_do_not_read_cost_nobody_else_anything",),
         ),
         Change(
@@ -351,52 +353,52 @@ CHANGES = [
         (BOUNDS,),
         Change(
             "npz-bomb", RECORDINGS, "        if size > MOST_BYTES:", "        if False:",
-            "a file of 3 MB takes 5 GB",
+            "a file of 3 MB needs 5 GB of memory",
         ),
         Change(
             "pipe-read", RECORDINGS, "    if not path.is_file():", "    if False:",
-            "a command waits for ever for a pipe",
+            "a command waits forever for a pipe",
         ),
         Change(
             "huge-numbers", "models/toml_text.py",
             "    elif isinstance(value, int | float) and abs(value) > LARGEST:", "    elif False:",
-            "a model with 1e300 in it ends in a traceback",
+            "a model that contains 1e300 causes a traceback",
         ),
     ),
     *room(
         ("tests/daemon/bus/test_foreign_text.py",),
         Change(
             "escapes-pass", "daemon/printable.py", "c if c.isprintable() else", "c if c else",
-            "a client's label commands the terminal of whoever watches",
+            "a client's label controls the terminal of anybody who watches",
         ),
         Change(
             "odd-token-locks-out", "daemon/client/finding.py",
             "        except BadInput as error:\n            if key not in known:",
             "        except KeyError as error:\n            if key not in known:",
-            "one liveliness token with odd letters locks every client out",
+            "one liveliness token with unusual characters locks every client out",
         ),
     ),
     Change(
         "planted-kernel", "daemon/kernel_cache.py",
         "elif stat.S_ISLNK(found.st_mode) or system.others_may(found):", "elif False:",
-        "whoever can write into the cache can run code in the process that controls the devices",
+        "anybody who can write to the cache can run code in the process that controls the devices",
         tests=("tests/daemon/test_kernel_cache.py",),
     ),
     Change(
         "schema-not-named", "daemon/bus/encoding.py",
         "if isinstance(plain, dict) and not", "if False and not",
-        "an empty map requests the whole history",
+        "an empty map is read as a request for the whole history",
         tests=("tests/daemon/bus/test_encoding.py",),
     ),
     Change(
         "interrupt-loses-all", "daemon/commands/acquire.py",
         "return \"it was interrupted\" if stopped else \"\"", "return \"\"",
-        "Ctrl-C in a recording of an hour does nothing",
+        "Ctrl-C during a recording of an hour has no effect",
         tests=("tests/daemon/commands/test_interrupted.py",),
     ),
     Change(
         "input-by-another-name", "daemon/files/outputs.py", "            if _same(path, other):\n",
-        "            if path == other:\n", "an input is replaced by its own output",
+        "            if path == other:\n", "an input file is replaced by its own output",
         tests=("tests/daemon/commands/test_outputs.py",),
     ),
     *room(

@@ -11,28 +11,28 @@ CHANGES = room(
         SYSTEM,
         "return os.geteuid() if MODES else 0",
         "return os.geteuid()",
-        "no command that looks at an owner runs on Windows",
+        "no command that checks a file's owner runs on Windows",
     ),
     Change(
         "folders-opened-everywhere",
         SYSTEM,
         'if not hasattr(os, "O_DIRECTORY"):',
         "if False:",
-        "no result is written on Windows",
+        "no result can be written on Windows",
     ),
     Change(
         "unix-modules-everywhere",
         SYSTEM,
         "except ImportError:  # Windows\n    resource = None",
         "except ZeroDivisionError:\n    resource = None",
-        "nothing starts on Windows",
+        "no program starts on Windows",
     ),
     Change(
         "loop-tried-anywhere",
         MAIN,
         "if system.LINUX or {",
         "if True or {",
-        "dehyst run ends in a traceback on Windows",
+        "dehyst run causes a traceback on Windows",
     ),
     Change(
         "package-names-its-workshop",
@@ -47,7 +47,7 @@ CHANGES = room(
         "release/debian/postinst",
         "chmod 0750",
         "chmod 0755",
-        "every user of the machine reads the service's credentials",
+        "every user of the machine can read the service's credentials",
         ("tests/packaging/test_debian.py",),
     ),
     Change(
@@ -55,7 +55,7 @@ CHANGES = room(
         "Containerfile",
         "--require-hashes -r",
         "-r",
-        "the image takes files that were not released",
+        "the image installs files that were not released",
         ("tests/packaging/test_release.py",),
     ),
     Change(
@@ -63,7 +63,7 @@ CHANGES = room(
         "release/publication.py",
         "if RESERVED.search(address):",
         "if address == RESERVED:",
-        "a release is published whose address for vulnerabilities belongs to nobody",
+        "a release is published with a placeholder as its address for vulnerabilities",
         ("tests/packaging/test_release.py",),
     ),
     Change(
@@ -71,7 +71,7 @@ CHANGES = room(
         "docs/site/iframe-worker.js",
         'location.protocol === "file:"',
         "false",
-        "the search of the site finds nothing when it is opened from a folder",
+        "the site's search finds nothing when the site is opened from a folder",
         ("tests/packaging/test_site.py",),
     ),
     Change(

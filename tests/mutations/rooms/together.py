@@ -15,12 +15,12 @@ CHANGES = [
         Change(
             "lease-of-some-axes", TOGETHER,
             "            gate.check_free(now_ns, request)\n", "            pass\n",
-            "a client that asks for several axes takes them from whoever commands them",
+            "a client that asks for several axes takes them from their holder",
         ),
         Change(
             "lease-number-of-each", TOGETHER, "gate.give_lease(now_ns, request, number)",
             "gate.give_lease(now_ns, request)",
-            "a client that has several axes can command one of them alone",
+            "a client that has several axes can command a single one",
         ),
         Change(
             "stop-ends-at-a-refusal", TOGETHER,
@@ -35,7 +35,7 @@ CHANGES = [
         ),
         Change(
             "group-forgotten", GATE, "        if len(command.axes) > 1:\n", "        if False:\n",
-            "axes that play a trajectory together run apart",
+            "axes that play a trajectory together diverge in time",
         ),
     ),
     *room(
@@ -44,13 +44,13 @@ CHANGES = [
             "first-axis-sets-out", START,
             "if any(n not in start.chunks and not gates[n][0].plays(chunk) for n in chunk.axes):",
             "if False:",
-            "an axis moves to its first point though another one will not play",
+            "an axis moves to its first point although another one will not play",
         ),
         Change(
             "not-checked-again", START,
             "start.chunks.items():\n            gate, room = gates[name]\n            try:\n",
             "().__iter__():\n            gate, room = gates[name]\n            try:\n",
-            "some axes begin though another has faulted since its first points came",
+            "some axes begin although another has faulted since its first points arrived",
         ),
         Change(
             "starts-behind-a-stop", START,
@@ -59,7 +59,7 @@ CHANGES = [
         ),
         Change(
             "waits-for-the-others-for-ever", START, "now_ns - start.since_ns > WAIT_NS", "False",
-            "a trajectory begins long after it was sent, when somebody has forgotten it",
+            "a trajectory begins long after it was sent",
         ),
     ),
     *room(
@@ -68,7 +68,7 @@ CHANGES = [
             "one-axis-keeps-all-high", SAFE,
             "                errors[config.name] = error\n        _ramp(",
             "                raise error\n        _ramp(",
-            "one amplifier that is unplugged keeps the outputs of the others high",
+            "one unplugged amplifier keeps the outputs of the others high",
         ),
         Change(
             "first-axis-alone-is-safe", SAFE, "        for config in axes:\n",
@@ -78,11 +78,11 @@ CHANGES = [
         Change(
             "one-attempt-alone", SAFE, "if isinstance(failed.get(config.name), PASSING)",
             "if False",
-            "one reply that is cut off leaves the output where the core's death found it",
+            "one truncated reply leaves the output where the core's death found it",
         ),
         Change(
             "hold-is-ramped", SAFE, 'if config.safe.on_fault == "ramp" else self.volts', "",
-            "an output that is to be held is ramped",
+            "an output that should be held is ramped",
         ),
     ),
     *room(
@@ -91,7 +91,7 @@ CHANGES = [
             "one-axis-may-stand", HEARTBEAT,
             "return any(axis.core.hangs for axis in self._axes)",
             "return all(axis.core.hangs for axis in self._axes)",
-            "a core that no longer serves one of its axes is left hanging",
+            "a core that no longer serves one of its axes is left running",
         ),
         Change(
             "ready-with-one-axis", HEARTBEAT,
@@ -105,7 +105,7 @@ CHANGES = [
         Change(
             "roles-of-the-first-axis", SECURITY, "[keys.setpoints() for keys in axes]",
             "[keys.setpoints() for keys in axes[:1]]",
-            "operators cannot put set-points at the further axes",
+            "operators cannot write set-points to the further axes",
         ),
         Change(
             "axis-that-is-not-there", INTAKE, "(why := self._strange(door, command))",
@@ -122,12 +122,12 @@ CHANGES = [
         ("tests/daemon/client/test_repeated.py", "tests/daemon/files/test_joined.py"),
         Change(
             "held-pass-learned", LEARNING, "good &= np.abs(samples", "np.abs(samples",
-            "a pass in which the loop held is learned from at the wrong places",
+            "a pass interrupted by a hold is learned from at the wrong positions",
         ),
         Change(
             "joined-over-a-reboot", JOINED, "                self._begin_anew()\n",
             "                pass\n",
-            "a recording of several axes waits for ever after the machine was restarted",
+            "a recording of several axes waits forever after a restart of the machine",
         ),
         Change(
             "joined-too-early", JOINED, "else min(self._newest_ns.values())",
