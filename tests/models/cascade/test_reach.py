@@ -50,7 +50,7 @@ def test_closed_forms() -> None:
     late = displacement_reach(line(Block("lag", "stage", {"tau_s": 0.5})), 0, 10)
     assert (late.low, late.high) == pytest.approx((0.0, 10.0))
     sensor = displacement_reach(line(Block("polynomial", "sensor", dict(bent.params))), 0, 10)
-    assert (sensor.low, sensor.high) == pytest.approx((0.0, 10.0))  # targets: of the stage
+    assert (sensor.low, sensor.high) == pytest.approx((0.0, 10.0))  # targets are the stage's
 
 
 def test_what_it_takes_for_granted_is_said() -> None:

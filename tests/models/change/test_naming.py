@@ -113,7 +113,7 @@ def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis(
     mode = alone("resonance", 0.158, left=0.05)
     causes = [mode, alone("lag", 0.09, "sensor", 0.26)]
     assert find_one_change(found, causes, LEFT) is mode  # type: ignore[arg-type]
-    tied = [F("lag", near=("resonance",)), *found[1:]]  # fits worse
+    tied = [F("lag", near=("resonance",)), *found[1:]]  # may be the mode
     assert find_one_change(tied, causes, LEFT) is mode  # type: ignore[arg-type]
     reported = state_one_change(mode, causes, LEFT, found[0])
     assert (reported.name, reported.place, reported.ambiguous_with) == ("resonance", "stage", ())
@@ -155,9 +155,9 @@ def test_an_effect_that_looks_like_another_is_named_where_alone_it_explains_more
     causes = [friction, alone("asymmetry", 0.0722, left=0.1008)]
     assert find_one_change(found, causes, left) is friction  # type: ignore[arg-type]
     assert not explains_all(friction, left)
-    named = state_one_change(friction, causes, left, found[0])  # not said to look alike
+    named = state_one_change(friction, causes, left, found[0])  # type: ignore[arg-type]
     assert (named.name, named.ambiguous_with) == ("friction", ("asymmetry",))
-    stranger = [alone("friction", 0.0740, left=0.0917), causes[1]]  # not said to be alike
+    stranger = [alone("friction", 0.0740, left=0.0917), causes[1]]  # not said to look alike
     assert find_one_change(found, stranger, left) is None  # type: ignore[arg-type]
     little = [replace(friction, left=0.15), causes[1]]  # it leaves more than the allowed part
     assert find_one_change(found, little, left) is None  # type: ignore[arg-type]

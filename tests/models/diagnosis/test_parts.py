@@ -272,4 +272,4 @@ def test_gaps_start_a_new_part_and_unknown_history_is_left_out() -> None:
     x = np.ones((data.n, 1))
     x[1000:] = 2.0
     lowpassed = filters.lowpass(x, data.dt / 0.1, data.starts)
-    np.testing.assert_array_equal(lowpassed, x)  # filters start settled behind the gap
+    np.testing.assert_array_equal(lowpassed, x)  # filters start settled after the gap
