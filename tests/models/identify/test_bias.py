@@ -83,7 +83,7 @@ def test_two_sines_about_a_bias_predict_a_slow_drive(low: float) -> None:
 
 
 def test_a_curve_that_two_sines_hardly_show_is_not_left_out() -> None:
-    """From rest: without the curvature the triangle is off by 0.8 of the noise, with it by 0.5."""
+    """From rest: the triangle is off by 0.8 of the noise without the curve, by <= 0.5 with it."""
     t = np.arange(N) * T
     u = 20 * (1 - np.cos(2 * np.pi * 10 * t)) + 30 * (1 - np.cos(2 * np.pi * 5 * t))
     slow = 75.0 * (1 - np.abs(1 - 2 * np.arange(2000) / 2000))
