@@ -91,7 +91,7 @@ def measure_spread(
 
 def _settle(setup: FitSetup, r: Floats, lots: list[Equations], one: TriedStructure) -> Params:
     """Parameters of a structure at the minimum of its misfit within the bounds."""
-    bounds = make_bounds(one.params, setup.limits, r, TUNING.narrow * setup.span * one.loose)
+    bounds = make_bounds(one.params, setup.limits, r, TUNING.crumb * setup.span * one.loose)
     prior = Prior(r, setup.slope, 0.5 * setup.span)
     return fit_shape(
         lambda: lots, one.shape, one.params, bounds, prior, one.strength, one.loose, (12, 1e-4)

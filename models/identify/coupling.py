@@ -84,9 +84,8 @@ def without_rests(recording: Recording) -> Recording:
     what is seen there is theirs."""
     assert recording.displacement is not None
     u = recording.drive
-    still = np.abs(np.diff(u, prepend=u[:1])) <= TUNING.coupling_still * float(
-        np.nanmax(u) - np.nanmin(u)
-    )
+    rounding = 1e-6 * float(np.nanmax(u) - np.nanmin(u))  # of a drive written with six digits
+    still = np.abs(np.diff(u, prepend=u[:1])) <= rounding
     last_move = np.maximum.accumulate(np.where(still, 0, np.arange(u.size)))
     rests = recording.t_s - recording.t_s[last_move] > TUNING.coupling_rest_s
     return replace(recording, displacement=np.where(rests, np.nan, recording.displacement))
@@ -117,9 +116,9 @@ class _Rest:
             begin = np.zeros(u.size, dtype=bool)
             begin[0] = True
             r = np.linspace(0.0, 0.5, TUNING.coupling_plays) * span
-            piece = np.arange(u.size) * TUNING.coupling_stretches // u.size
+            piece = np.arange(u.size) * TUNING.parts // u.size
             # a level for each stretch: creep and drift are no coupling
-            levels = piece[:, None] == np.arange(TUNING.coupling_stretches)
+            levels = piece[:, None] == np.arange(TUNING.parts)
             h = plays(r, np.ascontiguousarray(u), begin) / span
             z = (u - u.mean()) / span
             own = np.column_stack([levels, h, z**2, z**3])
@@ -128,7 +127,7 @@ class _Rest:
             lefts.append(pair[:, 0])
             columns.append(pair[:, 1:])
             pieces.append(count + piece)
-            count += TUNING.coupling_stretches
+            count += TUNING.parts
         self.left = np.concatenate(lefts)
         self.columns = np.concatenate(columns)
         self.piece = np.concatenate(pieces)
@@ -146,7 +145,7 @@ class _Rest:
         in which it moves."""
         moves = np.bincount(self.piece, self.columns[:, more] ** 2, self.count)
         size = np.bincount(self.piece, minlength=self.count)
-        lively = np.flatnonzero(moves > TUNING.coupling_moves * moves.sum() / self.count)
+        lively = np.flatnonzero(moves > TUNING.minor * moves.sum() / self.count)
         powers = np.zeros((2, lively.size))
         for k, piece in enumerate(lively):
             held = self.piece == piece
@@ -157,7 +156,7 @@ class _Rest:
                 powers[row, k] = float(error @ error)
         before, after = np.sqrt(powers.sum(axis=1) / max(1, int(size[lively].sum())))
         gain = powers[0] - powers[1]
-        if lively.size < 2 or gain.sum() < TUNING.coupling_pays * powers[0].sum():
+        if lively.size < 2 or gain.sum() < TUNING.small * powers[0].sum():
             return float(before), float(after), False
         doubt = float(np.std(gain, ddof=1)) / np.sqrt(gain.size)
         return float(before), float(after), bool(gain.mean() > TUNING.sure * doubt)

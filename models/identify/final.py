@@ -108,7 +108,7 @@ def _fit(
     scored, prior = weighed.candidate, weighed.prior
     strength = scored.strength
     trial.prior = prior
-    narrow = TUNING.narrow * setup.span * trial.loose
+    narrow = TUNING.crumb * setup.span * trial.loose
     picks = thin(setup.picks, min(TUNING.rows_fitted, TUNING.most_held // (2 * r.size)))
     equations = setup.equations(picks, r, offset, lag, shape.rate)
 

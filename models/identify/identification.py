@@ -182,8 +182,8 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         fitted = fit_all(setup, best, search.r, options.order, others)
         shape = fitted.shape
         margin = fitted.setup.margin(fitted.r, shape, fitted.params, best.offset)
-        turns = margin < TUNING.least_saturation
-        strays = _left(best, fitted, search.picks) > TUNING.strays * best.held_rms
+        turns = margin < TUNING.small
+        strays = _left(best, fitted, search.picks) > TUNING.twice * best.held_rms
         if not (strays or (turns and options.monotone)) or shape.powers == (0,):
             break
         others = []
@@ -309,7 +309,7 @@ def _result(
             left,
             fitted.scored.held_rms,
             noise,
-            band if band <= TUNING.widest_band * stroke else None,
+            band if band <= TUNING.quarter * stroke else None,
         ),
         provenance=Provenance(
             source="dehyst identify",
@@ -354,7 +354,8 @@ def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:
     for one in rows:
         known = ~np.isnan(one.u)
         pace = measure_pace(one.t_s[known], one.u[known], setup.span)
-        slowest.append(float(np.quantile(pace, TUNING.driven_pace)) if pace.size else 0.0)
+        # 99 rows in 100: the slowest few, as about a turn, do not show what is slow
+        slowest.append(float(np.quantile(pace, 0.99)) if pace.size else 0.0)
     bands = [b for one in rows if (b := measure_band_hz(one.u, one.period_s)) is not None]
     return Validity(
         drive_min=setup.drive_min,

@@ -39,7 +39,7 @@ class LagSearch:
         finest = trial.score(candidate.shape, TUNING.strengths[:1]).params
         self.begin = {True: (self.fine, finest), False: (r, candidate.params)}
         self.noise = float(candidate.fitted.sum() / candidate.sizes.sum())
-        longest = TUNING.longest_lag * setup.span / max(setup.rate_max, 1e-300)
+        longest = TUNING.half * setup.span / max(setup.rate_max, 1e-300)
         self.longest = min(longest, TUNING.longest_lag_s)
         self.period = float(np.median([one.period_s for one in setup.rows]))
 
@@ -52,11 +52,11 @@ class LagSearch:
         predicts better by more than chance.
         """
         without = {loose: self._misfit(None, loose) for loose in (True, False)}
-        delay = self._find_delay(without[True], without[True] * (1.0 - TUNING.worth_trying))
+        delay = self._find_delay(without[True], without[True] * (1.0 - TUNING.trace))
         # bounded, it must fit better than the free operators predict, and near to clearly so
         known = float(self.candidate.held.sum())
         near = 1.0 - (1.0 - TUNING.clear_lag) / 3.0
-        enough = min(without[False] * (1.0 - TUNING.worth_trying), near * known)
+        enough = min(without[False] * (1.0 - TUNING.trace), near * known)
         drive, sensor = (self._find_lag(place, enough) for place in PLACES)
         second = self._find_second(sensor) if sensor is not None else None
         of_drive = [self._score(lag) for lag in (delay, drive) if lag is not None]
@@ -135,7 +135,7 @@ class LagSearch:
         """The structure chosen anew beside a lag, and the lag sought anew with it, in turn: what
         was chosen without a lag stood in for it."""
         found = choose(lag)
-        for _ in range(TUNING.lag_rounds):
+        for _ in range(TUNING.rounds):
             (before,) = lag.theta
             near = sorted({min(f * before, self.longest) for f in TUNING.lag_nearby})
 
@@ -143,7 +143,7 @@ class LagSearch:
                 return self._misfit(replace(like, theta=(tau,)), False, about)
 
             tau = _search(cost, near, 3)
-            if tau is None or abs(tau / before - 1.0) < TUNING.lag_settled:
+            if tau is None or abs(tau / before - 1.0) < TUNING.crumb:
                 break
             lag = replace(lag, theta=(tau,))
             found = choose(lag)

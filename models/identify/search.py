@@ -112,7 +112,7 @@ class Search:
         return best
 
     def _choose_rate(self, static: TriedStructure, rate: TriedStructure) -> TriedStructure:
-        if rate.held.sum() < TUNING.clear_rate * static.held.sum():
+        if rate.held.sum() < TUNING.minor * static.held.sum():
             return rate
         if not pays(static, rate):
             return static
@@ -125,7 +125,7 @@ class Search:
         beyond = _compare_beyond(self._measure_noise(rate), *scored)
         left = float(scored[1].held.sum() / scored[0].held.sum())
         enough = left < TUNING.clear_ways and pays(scored[0], scored[1], clear=0.0)
-        enough = enough or beyond < TUNING.clear_beyond
+        enough = enough or beyond < TUNING.minor
         return rate if enough and self._is_no_place(static, rate) else static
 
     def _is_no_place(self, static: TriedStructure, rate: TriedStructure) -> bool:
@@ -160,7 +160,7 @@ class Search:
         for loose in {best.loose, False}:  # the bounds may want one that the data do not
             trial.loose = loose
             now, rest = (trial.score(s, (best.strength,)) for s in (best.shape, shape))
-            if not rest.invertible or shows(rest, now, TUNING.climb) or pays(rest, now):
+            if not rest.invertible or shows(rest, now, TUNING.trace) or pays(rest, now):
                 return best
             without = rest if loose == best.loose else without
         return without
@@ -196,7 +196,7 @@ class Search:
         half = Dynamics(LEAD, "drive", (0.5 * period,))
         trial = Trial(self.setup, self.picks, self.r, best.offset, half)
         trial.linearise(best.params, best.shape, best.shape.powers)
-        most = best.fitted.sum() * (1.0 + TUNING.worth_trying)
+        most = best.fitted.sum() * (1.0 + TUNING.trace)
         if trial.score(best.shape, (best.strength,)).fitted.sum() > most:
             return []
         found = self._try([s for s in self.wanted if s.rate], best.offset, half)

@@ -234,7 +234,7 @@ class FitSetup:
             with np.errstate(invalid="ignore"):
                 wild = pick & jumps & (off > max(limit, TUNING.smallest_spike * size))
             number = int(np.count_nonzero(wild))
-            if 0 < number <= TUNING.most_outliers * pick.size:
+            if 0 < number <= TUNING.small * pick.size:
                 count += number
                 pick = pick & ~wild
             picks.append(pick)
@@ -284,7 +284,7 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
             "the displacement falls where the drive rises; the saturation carries the sign"
         )
     size = max(abs(slope), 1e-12 * float(np.ptp(y)) / (high - low), 1e-300)
-    limits = (TUNING.least_slope * size, TUNING.most_slope * size) if monotone else None
+    limits = (TUNING.crumb * size, TUNING.far * size) if monotone else None
     sign = -1.0 if slope < 0 else 1.0
     folds = assign_pieces(rows, picks, low, high)
     return FitSetup(
@@ -316,7 +316,7 @@ def _find_running_offset(u: Floats, span: float) -> float:
     """The offset about which every operator starts as if the drive had come from afar, the way
     that it goes on at first."""
     known = u[~np.isnan(u)]
-    away = known[np.argmax(np.abs(known - known[0]) > TUNING.nearby * span)] - known[0]
+    away = known[np.argmax(np.abs(known - known[0]) > TUNING.small * span)] - known[0]
     return float(known[0] - np.sign(away) * span)
 
 

@@ -42,7 +42,7 @@ def identify(
         return identify_alone(recordings, options, progress)
     progress("coupling from other axes")
     couplings = couple(recordings, [_displacement(one) for one in recordings])
-    for _ in range(TUNING.coupling_rounds):
+    for _ in range(TUNING.rounds):
         before = couplings
         own = [without_rests(uncouple(one, before)) for one in recordings]
         found = identify_alone(own, options, progress)

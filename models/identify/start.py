@@ -49,9 +49,9 @@ def start_agrees(setup: FitSetup, rate: bool) -> bool:
     fit = _StartFit(begun, Shape(rate and setup.rate_max > 0.0, POWERS))
     left = fit.misfit(0.0)
     beyond = left - _estimate_noise_power(begun)
-    enough = left - max(TUNING.start_costs * beyond, TUNING.start_shows * left)
+    enough = left - max(TUNING.quarter * beyond, TUNING.start_shows * left)
     ways = [way for way in (setup.drive_max, setup.drive_min) if abs(way) > 0.5 * setup.span]
-    return all(fit.misfit(m * way) >= enough for m in TUNING.start_moves for way in ways)
+    return all(fit.misfit(m * way) >= enough for m in (0.5, 1.0) for way in ways)
 
 
 def _estimate_noise_power(setup: FitSetup) -> float:

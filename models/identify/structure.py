@@ -84,7 +84,7 @@ class TriedStructure:
 def pays(simple: TriedStructure, rich: TriedStructure, clear: float = TUNING.clear) -> bool:
     """Does the richer one predict better, by more than chance over the stretches? clear: the share
     of the misfit below which chance is not asked."""
-    if rich.held.sum() > simple.held.sum() * (1.0 - TUNING.tolerance):
+    if rich.held.sum() > simple.held.sum() * (1.0 - TUNING.crumb):
         return False
     if rich.held.sum() < simple.held.sum() * clear:
         return True
@@ -101,7 +101,7 @@ def predicts_better(one: TriedStructure, other: TriedStructure) -> bool:
     return _is_sure(share) or (_is_sure(power) and float(np.median(share)) > 0.0)
 
 
-def shows(simple: TriedStructure, rich: TriedStructure, least: float = TUNING.worth_trying) -> bool:
+def shows(simple: TriedStructure, rich: TriedStructure, least: float = TUNING.trace) -> bool:
     """Does the richer one, of few unknowns more, fit better by more than chance over the pieces?
     least: share of the misfit that it must take away."""
     gain = simple.fitted - rich.fitted
@@ -119,7 +119,7 @@ def _is_sure(gain: Floats) -> bool:
 def _extends(simple: TriedStructure, rich: TriedStructure) -> bool:
     """Has the richer one all powers of the other, and do the further ones show?"""
     nested = set(simple.shape.powers) <= set(rich.shape.powers)
-    return nested and shows(simple, rich, TUNING.climb)
+    return nested and shows(simple, rich, TUNING.trace)
 
 
 def choose_structure(tried: Sequence[TriedStructure]) -> TriedStructure:
@@ -225,7 +225,7 @@ class Trial:
                 best = (float(held.sum()), held, p, strength)
         assert best is not None
         params = Params.unpacked(best[2], like)
-        good = self.setup.margin(self.r, shape, params, self.offset) >= TUNING.least_saturation
+        good = self.setup.margin(self.r, shape, params, self.offset) >= TUNING.small
         sizes = np.array([float(goal.count) for goal in goals])
         whole_p[at] = best[2]
         fitted = np.array([goal.misfit_at(whole_p) for goal in goals])
@@ -245,13 +245,13 @@ class Trial:
     def bound(self, shape: Shape) -> tuple[Floats, Floats]:
         """Bounds of a structure's unknowns."""
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
-        narrow = TUNING.narrow * self.setup.span if self.loose else 0.0
+        narrow = TUNING.crumb * self.setup.span if self.loose else 0.0
         return make_bounds(like, self.setup.limits, self.r, narrow)
 
     def refine(self, found: TriedStructure) -> Params:
         """The candidate's parameters after a few more steps, about themselves."""
         bounds = make_bounds(
-            found.params, self.setup.limits, self.r, TUNING.narrow * self.setup.span * self.loose
+            found.params, self.setup.limits, self.r, TUNING.crumb * self.setup.span * self.loose
         )
         return fit_shape(
             lambda: self.lots,
@@ -268,7 +268,7 @@ class Trial:
         """Misfit of a structure fitted to all stretches, as linearised. noise: its power."""
         total = self.total(shape)
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
-        narrow = TUNING.narrow * self.setup.span if loose else 0.0
+        narrow = TUNING.crumb * self.setup.span if loose else 0.0
         low, high = make_bounds(like, self.setup.limits, self.r, narrow)
         whole = self.prior.add_to(total, shape.rate, strength, noise, loose)
         p, _ = bounded_solve(whole.gram, whole.right, low, high)

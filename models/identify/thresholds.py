@@ -78,7 +78,7 @@ class Prior:
     r: Floats
     slope: float
     half: float
-    rate_share: float = TUNING.rate_strength
+    rate_share: float = TUNING.rate_shares[0]
 
     def gram(self, rate: bool, strength: float, loose: bool) -> Floats:
         """(s, s) what the prior adds to the Gram matrix of the slopes, per power of the noise.
@@ -93,7 +93,7 @@ class Prior:
         wide = self.r[1:] >= self.half
         strengths = np.where(wide, max(strength, TUNING.wide), strength)
         if loose:
-            narrow = self.r[:-1] < 2.0 * self.half * TUNING.narrow
+            narrow = self.r[:-1] < 2.0 * self.half * TUNING.crumb
             strengths = np.where(narrow, min(strength, TUNING.alone), strengths)
         smooth = (step.T * (strengths / distance)) @ step / self.slope**2
         if not rate:

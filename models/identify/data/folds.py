@@ -31,8 +31,8 @@ def assign_pieces(
     Piece p is held out with all pieces that leave the same rest when divided by that number; there
     are TUNING.pieces in every fold, over which gains are compared. parts: of a way; 1: whole ways.
     """
-    grid = TUNING.alike * (high - low)
-    size = TUNING.turn * (high - low)
+    grid = TUNING.minor * (high - low)
+    size = TUNING.small * (high - low)
     labels = [_label(one.u, low, grid, parts, size) for one in rows]
     found = [np.bincount(label[pick]) for label, pick in zip(labels, picks, strict=True)]
     counts = np.zeros(max(c.size for c in found), dtype=np.int64)
@@ -102,7 +102,7 @@ def _label_way(
 ) -> None:
     """Write the labels of one way."""
     way = (ends[0] - low) / grid + 0.5
-    base = 4 * int(np.ceil(1.0 / TUNING.alike))
+    base = 4 * int(np.ceil(1.0 / TUNING.minor))
     start = int(way) * base + int((ends[1] - low) / grid + 0.5)
     length = max(abs(ends[1] - ends[0]), 1e-300)
     for i in range(rows[0], rows[1]):

@@ -46,7 +46,7 @@ def _find_glitches(v: Floats) -> Bools:
         largest[step:] &= jumps[step:] >= jumps[:-step]
         largest[:-step] &= jumps[:-step] >= jumps[step:]
     lone = (jumps > 0.85 * off) & largest
-    return (off > limit) & (lone | (off > TUNING.glitch_steps * _measure_steps(v)))
+    return (off > limit) & (lone | (off > TUNING.far * _measure_steps(v)))
 
 
 @njit(cache=True, nogil=True)

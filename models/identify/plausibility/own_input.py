@@ -81,14 +81,14 @@ def require_own_input(
     unit = model.displacement_unit
     for one, its, sigma in zip(simulate_own_input(model, rows, used), rows, noise, strict=True):
         excess = float(np.sqrt(max(one.rms**2 - sigma**2, 0.0)))
-        if excess > TUNING.most_excess * one.span:
+        if excess > TUNING.minor * one.span:
             raise BadRecording(
                 f"{one.name}: {_why_outside(model, its)}; over all of its {one.rows} rows "
                 f"the best model leaves {one.rms:.4g} {unit} rms, {one.rms / one.span:.0%} of the "
                 "displacement's range"
             )
         left_out = one.rows - one.fitted_rows
-        if left_out and one.other_rms > TUNING.worse_left_out * max(one.fitted_rms, sigma):
+        if left_out and one.other_rms > TUNING.twice * max(one.fitted_rms, sigma):
             said.append(
                 f"{one.name}: {left_out} of {one.rows} rows were left out (start, steps, gaps, "
                 f"outliers); the model leaves {one.other_rms:.3g} {unit} rms there and "
@@ -127,7 +127,7 @@ def require_ordinary_loop(recordings: Sequence[Recording]) -> None:
 
 
 def _require_narrow(name: str, width: float) -> None:
-    if width > TUNING.widest_loop:
+    if width > TUNING.half:
         raise BadRecording(
             f"{name}: the loop is {width:.0%} of the stroke wide; a piezo below its "
             "coercive field stays below a third. It is driven through its coercive field, rubs "
@@ -157,7 +157,7 @@ def _why_outside(model: Model, rows: Rows) -> str:
     """Why no model of this class follows a recording, as far as its ways show it."""
     if is_butterfly(rows.u, rows.y):
         return BUTTERFLY
-    if describe(model).hysteresis > TUNING.widest_loop:
+    if describe(model).hysteresis > TUNING.half:
         return (
             "the displacement jumps and stays, as with dry friction or a ferroelectric that "
             "switches: no hysteresis that can be inverted looks like this"

@@ -48,7 +48,7 @@ def note_slow_times(rows: Sequence[Rows]) -> tuple[str, ...]:
         if one.period_s < TUNING.slow_period_s or known.size < 2:
             continue
         smooth = float(np.quantile(np.abs(np.diff(known)), 0.99))
-        if smooth < TUNING.smooth_step * float(np.ptp(known)):
+        if smooth < TUNING.minor * float(np.ptp(known)):
             said.append(
                 f"{one.name}: its rows lie {one.period_s:.4g} s apart over "
                 f"{one.t_s[-1] - one.t_s[0]:.4g} s; if these are milliseconds, say so: "
@@ -138,7 +138,7 @@ def require_better_than_a_line(
         (some,) = thin([pick], TUNING.rows_slope)
         line = measure_line(one.u[some], one.y[some])
         left = rms(error[some])
-        if not left <= line * TUNING.no_worse:
+        if not left <= line:
             belongs = (
                 "the recordings are of different stages"
                 if len(setup.rows) > 1
@@ -157,7 +157,7 @@ def require_following(setup: FitSetup, held_rms: float) -> None:
     some = thin(setup.picks, TUNING.rows_fitted)
     y = np.concatenate([one.y[p] for one, p in zip(setup.rows, some, strict=True)])
     explained = 1.0 - held_rms**2 / max(float(np.var(y)), 1e-300)
-    if explained < TUNING.least_explained:
+    if explained < TUNING.half:
         raise BadRecording(
             f"{setup.rows[0].name}: the displacement does not follow the drive (a model explains "
             f"{max(0.0, explained):.0%} of it); check the sensor, its cable and the columns"
@@ -173,14 +173,14 @@ def require_one_stage(
     together, alone: (G,) rms that the common model and one of its own leave in each recording.
     """
     ratio = np.array(together) / np.maximum(alone, 1e-300)
-    if len(names) < 2 or float(np.max(ratio)) <= TUNING.less_alike:
+    if len(names) < 2 or float(np.max(ratio)) <= TUNING.twice:
         return ""
     figures = ", ".join(
         f"{name} {a:.3g} {unit} (alone {b:.3g})"
         for name, a, b in zip(names, together, alone, strict=True)
     )
     odd = names[int(np.argmax(ratio))]
-    if float(np.max(ratio)) <= TUNING.one_stage:
+    if float(np.max(ratio)) <= TUNING.far:
         return (
             f"{odd} is less like the others: one model leaves {figures} rms; "
             "were stage, load and unit the same?"
