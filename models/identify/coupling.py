@@ -115,7 +115,7 @@ class _Rest:
             u = recording.drive[good]
             begin = np.zeros(u.size, dtype=bool)
             begin[0] = True
-            r = np.linspace(0.0, 0.5, TUNING.coupling_plays) * span
+            r = np.linspace(0.0, 0.5, TUNING.lag_operators) * span
             piece = np.arange(u.size) * TUNING.parts // u.size
             # a level for each stretch: creep and drift are no coupling
             levels = piece[:, None] == np.arange(TUNING.parts)

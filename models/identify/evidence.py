@@ -8,6 +8,7 @@ weighs what a structure explains against how much it could have explained beside
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -43,7 +44,7 @@ def maximise_evidence(trial: Trial, shape: Shape, noise: float | None = None) ->
     known = trial.setup.strengths
     each = [trial.score(shape, (strength,)) for strength in known[::2]]
     best = min(each, key=lambda c: c.held_rms)
-    finer = [s for s in TUNING.weighed if known[0] <= s <= known[-1]]
+    finer = sorted({float(s) for a, b in pairwise(known) for s in np.geomspace(a, b, 4)})
     plain = trial.prior
     share = plain.rate_share
     if noise is None:

@@ -85,7 +85,7 @@ def _fit(
     tried: Sequence[TriedStructure],
 ) -> Fitted | None:
     """None where the bounds cost, and the freedom after a turn would loosen them."""
-    finest = TUNING.fine if order is None else max(TUNING.finest, order)
+    finest = max(TUNING.fine, order or 0)
     if order is None:
         r = space_thresholds(finest, setup.span, setup.wide, TUNING.spacing)
     else:
@@ -109,7 +109,7 @@ def _fit(
     strength = scored.strength
     trial.prior = prior
     narrow = TUNING.crumb * setup.span * trial.loose
-    picks = thin(setup.picks, min(TUNING.rows_fitted, TUNING.most_held // (2 * r.size)))
+    picks = thin(setup.picks, TUNING.rows_fitted)
     equations = setup.equations(picks, r, offset, lag, shape.rate)
 
     def run(lots: list[Equations], begin: Params, above: float, close: float = 1e-4) -> Solution:
@@ -133,7 +133,7 @@ def _fit(
     if costly:
         wish = make_pull(setup, r, shape, offset, loose.params)
         each = loose.normal.count / wish.u.size
-        pull = weigh_pull(setup, wish, r, offset, shape.rate, each * TUNING.pull_shares[-1])
+        pull = weigh_pull(setup, wish, r, offset, shape.rate, each)
         # it moves the model far: what it costs is computed from where it would end
         begin = run(equations + pull, begin, 0.0, 1e-3).params
         data = assemble(equations, shape, begin)

@@ -233,7 +233,7 @@ def _follow_drift(found: _Found) -> _Found:
     if len(found.setup.rows) != 1 or 0 not in found.fitted.shape.powers:
         return found
     (error,), (pick,) = found.residuals(), found.setup.picks
-    means = np.array([part.mean() for part in np.array_split(error[pick], TUNING.blocks)])
+    means = np.array([part.mean() for part in np.array_split(error[pick], TUNING.parts)])
     at = np.arange(means.size) - 0.5 * (means.size - 1)
     slope = float(at @ means) / float(at @ at)
     rest = means - means.mean() - slope * at

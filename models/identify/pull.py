@@ -65,9 +65,8 @@ def find_share(data: Normal, whole: Normal, pull: Normal, bounds: Bounds, most: 
     data: normal equations of the rows; whole: the prior's with them; pull: its own.
     """
     low, high = bounds
-    found = TUNING.pull_shares[0]
-    free = None
-    for share in TUNING.pull_shares:
+    found, free = 0.01, None
+    for share in np.geomspace(found, 1.0, 15):  # a step changes the model by less than noise does
         weight = share * data.count / pull.count
         gram, right = whole.gram + weight * pull.gram, whole.right + weight * pull.right
         p, free = bounded_solve(gram, right, low, high, free)

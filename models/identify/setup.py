@@ -224,7 +224,7 @@ class FitSetup:
         for off in known:
             np.abs(off, out=off)
         middle = np.concatenate([some[~np.isnan(some)] for some in map(sample, known)])
-        usual = TUNING.usual_rows
+        usual = TUNING.rows_compared
         chances = np.log(max(usual, sum(k.size for k in known))) / np.log(usual)
         scatter = 1.4826 * float(np.median(middle)) if middle.size else 0.0
         limit = TUNING.spike * np.sqrt(chances) * scatter
@@ -275,7 +275,7 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
     count = sum(int(np.count_nonzero(p)) for p in picks)
     if count < TUNING.fewest_rows:
         raise BadRecording(f"{rows[0].name}: {count} usable rows are too few to identify from")
-    some = thin(picks, TUNING.rows_slope)
+    some = thin(picks, TUNING.rows_fitted)
     u = np.concatenate([one.u[p] for one, p in zip(rows, some, strict=True)])
     y = np.concatenate([one.y[p] for one, p in zip(rows, some, strict=True)])
     slope = _fit_mean_slope(u, y)

@@ -42,7 +42,7 @@ def start_agrees(setup: FitSetup, rate: bool) -> bool:
     """
     if not setup.virgin:
         return True
-    size = TUNING.rows_at_start
+    size = TUNING.most_rows
     rows = [_cut(one, size) for one in setup.rows]
     picks = thin([pick[:size] for pick in setup.picks], TUNING.rows_compared)
     begun = replace(setup, rows=rows, picks=picks)

@@ -16,18 +16,16 @@ from dehyst.models.identify.equations import Ints, Normal, Params, Shape
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Floats
 
-FINE = 48
-
 
 def space_thresholds(n: int, drive_span: float, whole: bool = False, power: float = 3.0) -> Floats:
     """(n,) thresholds from 0 to below half the span, fine where small (Eq. 10 with its power).
 
-    Of many the first lies no lower than that of FINE: data cannot tell thresholds much closer.
+    Of many the first lies no lower than that of TUNING.fine: data cannot tell thresholds much closer.
     whole: some of them up to the span; on the virgin curve operators as wide as that still move.
     """
-    wide = max(1, n * TUNING.beyond_half // TUNING.fine) if whole and n > 4 else 0
+    wide = max(1, int(TUNING.minor * n)) if whole and n > 4 else 0
     n -= wide
-    power *= min(1.0, np.log(FINE) / np.log(max(n, 2)))
+    power *= min(1.0, np.log(TUNING.fine) / np.log(max(n, 2)))
     inner = (np.arange(n) / n) ** power * drive_span / 2.0
     return np.concatenate([inner, (1.0 + np.arange(wide) / max(wide, 1)) * drive_span / 2.0])
 
@@ -91,14 +89,14 @@ class Prior:
         distance = np.maximum(np.diff(np.cbrt(self.r / self.r[-1])), 1e-9)
         step = np.diff(np.eye(n), axis=0)
         wide = self.r[1:] >= self.half
-        strengths = np.where(wide, max(strength, TUNING.wide), strength)
+        strengths = np.where(wide, max(strength, TUNING.strengths[-2]), strength)
         if loose:
             narrow = self.r[:-1] < 2.0 * self.half * TUNING.crumb
-            strengths = np.where(narrow, min(strength, TUNING.alone), strengths)
+            strengths = np.where(narrow, min(strength, TUNING.rate_shares[0]), strengths)
         smooth = (step.T * (strengths / distance)) @ step / self.slope**2
         if not rate:
             return smooth
-        tied = np.where(wide, TUNING.wide, self.rate_share * strengths)
+        tied = np.where(wide, TUNING.strengths[-2], self.rate_share * strengths)
         small = (step.T * (tied / distance)) @ step / self.slope**2
         small += self.rate_share * strength / self.slope**2 / n * np.eye(n)
         even, odd = 0.25 * (smooth + small), 0.25 * (smooth - small)

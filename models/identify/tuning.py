@@ -4,8 +4,6 @@ part `faults`, sizes by `speed` and `length`)."""
 
 from typing import NamedTuple
 
-import numpy as np
-
 
 class Tuning(NamedTuple):
     """Lengths in shares of the drive's span, slopes in shares of the mean slope, but where said."""
@@ -35,14 +33,10 @@ class Tuning(NamedTuple):
     lone: float = 8.0  # a lone drive value this many robust standard deviations off is a glitch
     smallest_glitch: float = 0.004
     spike: float = 6.0  # a residual this many robust standard deviations off its neighbours
-    usual_rows: float = 1e4  # of more, chance alone puts some further off
     smallest_spike: float = 0.004  # of the displacement's range; smaller ones do no harm
     # bounds and prior
     strengths: tuple[float, ...] = (1e-2, 1.0, 30.0, 1e3, 3e4)  # of the prior; 1: slopes differ by
     # about the mean slope from the narrowest operator to the widest
-    weighed: tuple[float, ...] = (1e-2, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e4)  # by evidence
-    alone: float = 1e-3  # the most strength among narrow operators, where they are free
-    wide: float = 1e3  # the least strength, among operators wider than half the range
     rate_shares: tuple[float, ...] = (1e-3, 0.1, 0.3, 1.0, 3.0, 10.0)  # the same, by evidence
     bend: float = 0.03  # of the way over half the range, by which a saturation may well bend it
     bent: float = 5.0  # logarithm of the odds by which evidence must speak against a bend
@@ -55,17 +49,12 @@ class Tuning(NamedTuple):
     lag_operators: int = 24  # while a lag is sought, or the start judged
     clear_ways: float = 0.667  # of the power of these, at most
     coarse: int = 32  # operators while structures are compared
-    fine: int = 45  # and in the model
-    finest: int = 48  # where the number in the model is given, before some are dropped
+    fine: int = 48  # and in the model
     spacing: float = 2.5  # of these, the power by which thresholds grow; Eq. 10 has 3
-    beyond_half: int = 5  # of these, wider than half the span where the virgin curve was driven
-    # of the comparison drive, against all rows: the largest that keeps the price
-    pull_shares: tuple[float, ...] = tuple((0.01 * 1.4 ** np.arange(16)).tolist())
     pull_noise: float = 1.073  # rms that bounds and pull may cost, against the fit without bounds
     pull_price: float = 1.4  # or the misfit that they may cost, against what the bounds alone cost
     costs: float = 0.005  # of the misfit: so much the bounds must cost before there is a pull
     start_shows: float = 0.07  # and of all of it, as it shows no more where noise hides the start
-    rows_at_start: int = 1_000_000  # of a recording, by which its start is judged
     farthest: float = 5.0  # an offset may lie this many spans from the middle of the drive
     # linear dynamics
     hopeless: float = 2.5  # times the best error: a static structure so far off needs no lag
@@ -73,20 +62,14 @@ class Tuning(NamedTuple):
     longest_lag_s: float = 10.0  # of any lag or delay: longer ones are creep or drift
     lag_nearby: tuple[float, ...] = (0.7, 1.0, 1.4)  # times the lag, where it is sought anew
     least_damping: float = 0.45  # below it rings: a resonance, and no lag
-    blocks: int = 20  # of time, whose means tell a drift
     sure_drift: float = 5.0  # standard errors of its slope
     # coupling from other axes, judged by tests/models/identify/test_coupling.py
-    coupling_plays: int = 12  # on the own drive, by which a channel is cleared of it
     coupling_rest_s: float = 1.0  # of a rest, that counts
     coupling_settled: float = 0.2  # of the noise: a change of the gains that brings less is none
     # sizes
     most_rows: int = 2_000_000  # of a recording; of a longer one stretches are taken, so many:
-    long_stretches: tuple[int, ...] = (4, 2, 1)
-    stretch_range: float = 0.9  # of the drive's range, that each of them runs through
     rows_compared: int = 12_000  # for the choice of the structure
-    rows_slope: int = 1_000_000  # for the mean slope
-    rows_fitted: int = 1_000_000  # for the last fit: more do not lower its error by a nanometre
-    most_held: int = 30_000_000  # numbers in the equations of the last fit
+    rows_fitted: int = 300_000  # for the last fit: more do not lower its error by a nanometre
     stretches: int = 30  # of time, for the intervals
 
 

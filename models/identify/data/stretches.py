@@ -46,11 +46,11 @@ def take_stretches(recording: Recording, most: int = TUNING.most_rows) -> Taken:
     if size <= most or np.isnan(recording.drive).all():
         return Taken(recording, size)
     span = float(np.nanmax(recording.drive) - np.nanmin(recording.drive))
-    for count in TUNING.long_stretches:
+    for count in (4, 2, 1):  # as many as the drive runs through its range in
         each = most // count
         begins = np.linspace(0, size - each, count).astype(np.int64)
         parts = [recording.drive[at : at + each] for at in begins]
-        if _least_range(parts) >= TUNING.stretch_range * span:
+        if _least_range(parts) >= (1.0 - TUNING.minor) * span:
             rows = (begins[:, None] + np.arange(each)).ravel()
             return Taken(_pick(recording, rows), size, rows, _tell(recording, rows.size, count))
     return Taken(recording, size)

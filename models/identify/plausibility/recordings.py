@@ -135,7 +135,7 @@ def require_better_than_a_line(
                 f"{one.name}: no row of it can be judged (a drive of steps alone, or readings that "
                 "are missing); record a drive that moves all the time (dehyst excite designs one)"
             )
-        (some,) = thin([pick], TUNING.rows_slope)
+        (some,) = thin([pick], TUNING.rows_fitted)
         line = measure_line(one.u[some], one.y[some])
         left = rms(error[some])
         if not left <= line:
