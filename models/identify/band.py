@@ -54,7 +54,7 @@ def estimate_band(
     by_noise = noise**2 * power / count
     left_out = float(np.quantile(np.abs(jackknife.left_out), 0.95)) ** 2 - (Z95 * noise) ** 2
     if len(setup.rows) == 1:
-        left_out *= TUNING.another_waveform**2
+        left_out *= TUNING.near**2
     held = Z95**2 * (fitted.scored.held_rms**2 - noise**2)
     unseen = max(0.0, left_out, held) + Z95**2 * by_noise
     return float(np.sqrt(max(unseen, Z95**2 * max(spread, fitted.unreachable) ** 2)))

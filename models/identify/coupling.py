@@ -87,7 +87,7 @@ def without_rests(recording: Recording) -> Recording:
     rounding = 1e-6 * float(np.nanmax(u) - np.nanmin(u))  # of a drive written with six digits
     still = np.abs(np.diff(u, prepend=u[:1])) <= rounding
     last_move = np.maximum.accumulate(np.where(still, 0, np.arange(u.size)))
-    rests = recording.t_s - recording.t_s[last_move] > TUNING.coupling_rest_s
+    rests = recording.t_s - recording.t_s[last_move] > TUNING.slow_s
     return replace(recording, displacement=np.where(rests, np.nan, recording.displacement))
 
 
@@ -115,7 +115,7 @@ class _Rest:
             u = recording.drive[good]
             begin = np.zeros(u.size, dtype=bool)
             begin[0] = True
-            r = np.linspace(0.0, 0.5, TUNING.lag_operators) * span
+            r = np.linspace(0.0, 0.5, TUNING.few_operators) * span
             piece = np.arange(u.size) * TUNING.parts // u.size
             # a level for each stretch: creep and drift are no coupling
             levels = piece[:, None] == np.arange(TUNING.parts)

@@ -118,7 +118,7 @@ def _expect_bends(trial: Trial, shape: Shape, size: int) -> Floats:
     begin = trial.like.slopes.size
     for at, power in enumerate(shape.powers):
         if power:
-            out[begin + at] = (half ** (power - 1) / TUNING.bend) ** 2
+            out[begin + at] = (half ** (power - 1) / TUNING.small) ** 2
     return out
 
 

@@ -103,7 +103,7 @@ def _fit(
         trial.prior = Prior(r, setup.slope, 0.5 * setup.span)
         trial.linearise(curved, bent, bent.powers)
         other = maximise_evidence(trial, bent, weighed.noise)
-        if other.candidate.invertible and other.evidence > weighed.evidence - TUNING.bent:
+        if other.candidate.invertible and other.evidence > weighed.evidence - TUNING.certain:
             weighed, shape, start = other, bent, curved
     scored, prior = weighed.candidate, weighed.prior
     strength = scored.strength
@@ -123,7 +123,7 @@ def _fit(
     least, bounded = loose.normal.misfit, tight.normal.misfit
     freed = float(np.count_nonzero(r <= narrow) * (1 + shape.rate))  # of these chance takes some
     chance = (freed + TUNING.sure * np.sqrt(2.0 * freed)) / loose.normal.count
-    costly = setup.limits is not None and bounded > least * (1.0 + TUNING.costs + chance)
+    costly = setup.limits is not None and bounded > least * (1.0 + TUNING.trace + chance)
     if costly and shape.rate and not setup.by_turns:
         slower = replace(setup, by_turns=True).rates(r) < setup.rate_max
         if slower.any():
@@ -139,7 +139,7 @@ def _fit(
         data = assemble(equations, shape, begin)
         whole = prior.add_to(data, shape.rate, strength)
         pull = [lot._replace(weight=1.0) for lot in pull]
-        most = max(least * TUNING.pull_noise**2, least + TUNING.pull_price * (bounded - least))
+        most = max(least * (1.0 + TUNING.minor), least + (1.0 + TUNING.half) * (bounded - least))
         bounds = make_bounds(begin, setup.limits)
         weight = each * find_share(data, whole, assemble(pull, shape, begin), bounds, most)
         pull = [lot._replace(weight=weight) for lot in pull]

@@ -238,7 +238,7 @@ def _follow_drift(found: _Found) -> _Found:
     slope = float(at @ means) / float(at @ at)
     rest = means - means.mean() - slope * at
     doubt = float(np.sqrt(rest @ rest / (means.size - 2) / (at @ at)))
-    if abs(slope) <= TUNING.sure_drift * doubt:
+    if abs(slope) <= TUNING.certain * doubt:
         return found
     end = float(means[-2:].mean())
     setup, fitted = found.setup, found.fitted

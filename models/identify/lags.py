@@ -32,7 +32,7 @@ class LagSearch:
         self, setup: FitSetup, picks: Sequence[Bools], r: Floats, candidate: TriedStructure
     ) -> None:
         self.setup, self.picks, self.r, self.candidate = setup, picks, r, candidate
-        self.fine = space_thresholds(TUNING.lag_operators, setup.span)
+        self.fine = space_thresholds(TUNING.few_operators, setup.span)
         fine = regrid(candidate.params, r, self.fine, candidate.shape)
         trial = Trial(setup, picks, self.fine, candidate.offset)
         trial.linearise(fine, candidate.shape, candidate.shape.powers)
@@ -55,7 +55,7 @@ class LagSearch:
         delay = self._find_delay(without[True], without[True] * (1.0 - TUNING.trace))
         # bounded, it must fit better than the free operators predict, and near to clearly so
         known = float(self.candidate.held.sum())
-        near = 1.0 - (1.0 - TUNING.clear_lag) / 3.0
+        near = 1.0 - TUNING.minor / 3.0
         enough = min(without[False] * (1.0 - TUNING.trace), near * known)
         drive, sensor = (self._find_lag(place, enough) for place in PLACES)
         second = self._find_second(sensor) if sensor is not None else None
@@ -70,12 +70,12 @@ class LagSearch:
         return found
 
     def _helps(self, scored: TriedStructure, lag: Dynamics) -> bool:
-        if not lag.delay_s > TUNING.jitters * self._measure_jitter(scored):
+        if not lag.delay_s > TUNING.far * self._measure_jitter(scored):
             return False
         if lag.delay_s > self.period:
             now = self.candidate
             better = scored.fitted.sum() < now.fitted.sum()
-            return bool(better and scored.held.sum() < TUNING.clear_lag * now.held.sum())
+            return bool(better and scored.held.sum() < (1.0 - TUNING.minor) * now.held.sum())
         shape, lightest = self.candidate.shape, TUNING.strengths[:1]
         here, there = (self._trial(x, True).score(shape, lightest) for x in (None, lag))
         return shows(here, there)
@@ -137,7 +137,8 @@ class LagSearch:
         found = choose(lag)
         for _ in range(TUNING.rounds):
             (before,) = lag.theta
-            near = sorted({min(f * before, self.longest) for f in TUNING.lag_nearby})
+            trials = (before / TUNING.near, before, TUNING.near * before)
+            near = sorted({min(tau, self.longest) for tau in trials})
 
             def cost(tau: float, like: Dynamics = lag, about: TriedStructure = found) -> float:
                 return self._misfit(replace(like, theta=(tau,)), False, about)
@@ -196,7 +197,7 @@ class LagSearch:
             return Dynamics(SECOND, "sensor", (float(np.exp(log_f)), float(damping)))
 
         log_f, damping = float(np.log(0.7 / (np.pi * first.theta[0]))), 0.7
-        near, damped = np.log((0.6, 1.0, 1.7)), (TUNING.least_damping, 0.8, 1.3)
+        near, damped = np.log((0.6, 1.0, 1.7)), (TUNING.half, 0.8, 1.3)
 
         def cost(log_f: float, damping: float) -> float:
             return self._misfit(make(log_f, damping), False, about)
@@ -206,7 +207,7 @@ class LagSearch:
             log_f = log_f if by_f is None else by_f
             by_z = _search(partial(cost, log_f), damped, 3)
             damping = damping if by_z is None else by_z
-        return make(log_f, max(damping, TUNING.least_damping))
+        return make(log_f, max(damping, TUNING.half))
 
 
 def _search(

@@ -124,14 +124,14 @@ class Search:
             scored.append(trial.score(one.shape, whole.strengths[::2]))
         beyond = _compare_beyond(self._measure_noise(rate), *scored)
         left = float(scored[1].held.sum() / scored[0].held.sum())
-        enough = left < TUNING.clear_ways and pays(scored[0], scored[1], clear=0.0)
+        enough = left < TUNING.most and pays(scored[0], scored[1], clear=0.0)
         enough = enough or beyond < TUNING.minor
         return rate if enough and self._is_no_place(static, rate) else static
 
     def _is_no_place(self, static: TriedStructure, rate: TriedStructure) -> bool:
         """Whether the rate predicts more than as many unknowns of a static stage, whose slopes
         depend on the place; it need not where it takes most of what is left without it."""
-        if rate.held.sum() < TUNING.clear * static.held.sum():
+        if rate.held.sum() < TUNING.most * static.held.sum():
             return True
         return pays(self._score_rival(static), rate)
 
@@ -172,7 +172,7 @@ class Search:
         for best in self._bests(tried):
             if self.setup.rate_max <= 0.0:
                 continue
-            if best.held_rms > TUNING.hopeless * least:
+            if best.held_rms > TUNING.twice * least:
                 continue
             self.progress("looking for a lag")
             if best.shape.rate:

@@ -67,7 +67,7 @@ class FitSetup:
         fitted; where all depends on the start, that as if the drive had come from afar."""
         if self.virgin:
             return (0.0,)
-        reach = TUNING.farthest * self.span
+        reach = TUNING.far * self.span
         found = (self.middle, 0.0) if 0.0 < abs(self.middle) <= reach else (self.middle,)
         return found if self.running is None else (*found, self.running)
 
@@ -153,7 +153,7 @@ class FitSetup:
             c[power] = value
         x = (self.centre(offset) - offset) if shape.rate else 0.0
         if shape.free_offset:
-            far = TUNING.farthest * self.span
+            far = TUNING.far * self.span
             g = float(params.lead[0]) / self.rate_max
             if abs(g) > far * abs(q[-1]):  # hardly any offset would do: all of them together give
                 q = q + (np.copysign(abs(g) / far, q[-1]) - q[-1]) * (r == r[-1])
@@ -227,12 +227,12 @@ class FitSetup:
         usual = TUNING.rows_compared
         chances = np.log(max(usual, sum(k.size for k in known))) / np.log(usual)
         scatter = 1.4826 * float(np.median(middle)) if middle.size else 0.0
-        limit = TUNING.spike * np.sqrt(chances) * scatter
+        limit = TUNING.wild * np.sqrt(chances) * scatter
         for pick, off, one in zip(self.picks, known, self.rows, strict=True):
             size = float(np.ptp(np.nanquantile(sample(one.y), [0.02, 0.98])))
             jumps = (np.abs(measure_jumps(one.y)) > 0.4 * off) | (off > 0.05 * size)
             with np.errstate(invalid="ignore"):
-                wild = pick & jumps & (off > max(limit, TUNING.smallest_spike * size))
+                wild = pick & jumps & (off > max(limit, TUNING.trace * size))
             number = int(np.count_nonzero(wild))
             if 0 < number <= TUNING.small * pick.size:
                 count += number

@@ -52,7 +52,7 @@ def identify(
             for old, new in zip(before, couplings, strict=False)
             for one in recordings
         ]
-        settled = TUNING.coupling_settled * found.noise_rms
+        settled = TUNING.quarter * found.noise_rms
         if len(couplings) == len(before) and max(moved, default=0.0) <= settled:
             break
     if not before:

@@ -49,7 +49,7 @@ def start_agrees(setup: FitSetup, rate: bool) -> bool:
     fit = _StartFit(begun, Shape(rate and setup.rate_max > 0.0, POWERS))
     left = fit.misfit(0.0)
     beyond = left - _estimate_noise_power(begun)
-    enough = left - max(TUNING.quarter * beyond, TUNING.start_shows * left)
+    enough = left - max(TUNING.quarter * beyond, TUNING.small * left)
     ways = [way for way in (setup.drive_max, setup.drive_min) if abs(way) > 0.5 * setup.span]
     return all(fit.misfit(m * way) >= enough for m in (0.5, 1.0) for way in ways)
 
@@ -66,7 +66,7 @@ class _StartFit:
 
     def __init__(self, setup: FitSetup, shape: Shape) -> None:
         self._setup, self._shape = setup, shape
-        self._r = space_thresholds(TUNING.lag_operators, setup.span, whole=True)
+        self._r = space_thresholds(TUNING.few_operators, setup.span, whole=True)
         self._prior = Prior(self._r, setup.slope, 0.5 * setup.span)
         parts = [_describe_time(one)[p] for one, p in zip(setup.rows, setup.picks, strict=True)]
         self._beside = np.concatenate(parts)

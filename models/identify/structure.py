@@ -81,7 +81,7 @@ class TriedStructure:
         return base + 2 * (self.lag is not None)
 
 
-def pays(simple: TriedStructure, rich: TriedStructure, clear: float = TUNING.clear) -> bool:
+def pays(simple: TriedStructure, rich: TriedStructure, clear: float = TUNING.most) -> bool:
     """Does the richer one predict better, by more than chance over the stretches? clear: the share
     of the misfit below which chance is not asked."""
     if rich.held.sum() > simple.held.sum() * (1.0 - TUNING.crumb):

@@ -76,7 +76,7 @@ class Prior:
     r: Floats
     slope: float
     half: float
-    rate_share: float = TUNING.rate_shares[0]
+    rate_share: float = TUNING.strengths[0]
 
     def gram(self, rate: bool, strength: float, loose: bool) -> Floats:
         """(s, s) what the prior adds to the Gram matrix of the slopes, per power of the noise.
@@ -92,7 +92,7 @@ class Prior:
         strengths = np.where(wide, max(strength, TUNING.strengths[-2]), strength)
         if loose:
             narrow = self.r[:-1] < 2.0 * self.half * TUNING.crumb
-            strengths = np.where(narrow, min(strength, TUNING.rate_shares[0]), strengths)
+            strengths = np.where(narrow, min(strength, TUNING.strengths[0]), strengths)
         smooth = (step.T * (strengths / distance)) @ step / self.slope**2
         if not rate:
             return smooth

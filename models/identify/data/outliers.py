@@ -37,8 +37,8 @@ def _find_glitches(v: Floats) -> Bools:
     off = measure_deviation(v)
     np.abs(off, out=off)
     some = np.nanquantile(sample(v), [0.02, 0.98])
-    limit = TUNING.lone * 1.4826 * float(np.median(sample(off)))
-    limit = max(limit, TUNING.smallest_glitch * float(np.ptp(some)))
+    limit = TUNING.wild * 1.4826 * float(np.median(sample(off)))
+    limit = max(limit, TUNING.trace * float(np.ptp(some)))
     jumps = measure_jumps(v)
     np.abs(jumps, out=jumps)
     largest = np.ones(v.size, dtype=bool)  # of the five around it

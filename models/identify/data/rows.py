@@ -176,7 +176,7 @@ def _stamps_jitter(t: Floats, u: Floats) -> bool:
     by_number = np.abs(u[1:-1] - 0.5 * (u[:-2] + u[2:]))
     by_stamp = np.abs(u[1:-1] - u[:-2] - part * (u[2:] - u[:-2]))
     known = ~np.isnan(by_number)
-    return bool(np.median(by_number[known]) < TUNING.steadier * np.median(by_stamp[known]))
+    return bool(np.median(by_number[known]) < TUNING.most * np.median(by_stamp[known]))
 
 
 @njit(cache=True, nogil=True)
@@ -209,9 +209,9 @@ def _settle(u: Floats, resets: NDArray[np.intp], travel: float, settled: Bools) 
 
 def _looks_virgin(u: Floats, span: float) -> bool:
     """The drive starts at zero, and there at rest or at the end of its range."""
-    if abs(u[0]) > TUNING.near_zero * span:
+    if abs(u[0]) > TUNING.crumb * span:
         return False
-    at_end = min(u[0] - float(u.min()), float(u.max()) - u[0]) <= TUNING.near_zero * span
+    at_end = min(u[0] - float(u.min()), float(u.max()) - u[0]) <= TUNING.crumb * span
     steps = np.abs(np.diff(u[:20000]))
     at_rest = float(steps[:3].max()) <= 0.1 * float(np.quantile(steps, 0.99))
     return at_end or at_rest

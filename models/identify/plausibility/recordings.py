@@ -45,7 +45,7 @@ def note_slow_times(rows: Sequence[Rows]) -> tuple[str, ...]:
     said = []
     for one in rows:
         known = one.u[~np.isnan(one.u)]
-        if one.period_s < TUNING.slow_period_s or known.size < 2:
+        if one.period_s < TUNING.slow_s or known.size < 2:
             continue
         smooth = float(np.quantile(np.abs(np.diff(known)), 0.99))
         if smooth < TUNING.minor * float(np.ptp(known)):
@@ -67,8 +67,8 @@ def require_drive_first(rows: Sequence[Rows]) -> None:
         if measure_line(one.u[known], one.y[known]) > 0.5 * float(np.std(one.y[known])):
             continue  # neither follows the other
         area = _measure_loop(one.u, one.y)
-        noisier = _measure_roughness(one.y) > TUNING.reading_rougher * _measure_roughness(one.u)
-        if area < -TUNING.backward_loop and not noisier:
+        noisier = _measure_roughness(one.y) > TUNING.far * _measure_roughness(one.u)
+        if area < -TUNING.crumb and not noisier:
             raise BadRecording(
                 f"{one.name}: the drive follows the displacement, by a loop of {-area:.1%} of its "
                 "box; are the columns swapped? the drive is u_..., the measured displacement y_..."

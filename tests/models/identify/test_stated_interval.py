@@ -71,7 +71,7 @@ def test_a_structure_that_could_not_be_taken_does_not_widen_it() -> None:
     assert not is_rival(best, replace(alike, superseded=True))
 
 
-@pytest.mark.parametrize(("count", "widened"), [(1, TUNING.another_waveform), (2, 1.0)])
+@pytest.mark.parametrize(("count", "widened"), [(1, TUNING.near), (2, 1.0)])
 def test_misfit_counts_by_how_it_is_distributed(count: int, widened: float) -> None:
     """A hum that the model lacks, on for a tenth of the time: 95 % of its values are within 3 times
     its rms. A single recording widens the interval to allow for another waveform, two do not."""

@@ -5,7 +5,7 @@ from tests.mutations.change import Change, room
 UNCERTAINTY = "models/identify/uncertainty.py"
 RESULT = "models/identify/identification.py"
 LAGS, START = "models/identify/lags.py", "models/identify/start.py"
-TUNING = "models/identify/tuning.py"
+TUNING, COUPLING = "models/identify/tuning.py", "models/identify/coupling.py"
 BAND, VALIDATION = "models/identify/band.py", "models/identify/validation.py"
 
 CHANGES = room(
@@ -45,7 +45,7 @@ CHANGES = room(
         "correlated noise is treated as independent",
     ),
     Change(
-        "few-stretches", "models/identify/tuning.py", "stretches: int = 30", "stretches: int = 4",
+        "few-stretches", TUNING, "stretches: int = 30", "stretches: int = 4",
         "intervals are computed from only four stretches",
         survives="Student's factor for so few stretches keeps the coverage",
     ),
@@ -56,18 +56,18 @@ CHANGES = room(
         "if True:", "a stage that was exercised before is fitted with the virgin curve",
     ),
     Change(
-        "start-may-cost-much", TUNING, "start_costs: float = 0.25", "start_costs: float = 2.0",
+        "start-may-cost-much", START, "TUNING.quarter * beyond", "2.0 * beyond",
         "a wrong initial state is accepted",
     ),
     Change(
-        "any-lag-that-helps", TUNING, "clear_lag: float = 0.85", "clear_lag: float = 0.999",
+        "any-lag-that-helps", LAGS, "(1.0 - TUNING.minor) * now", "0.999 * now",
         "a lag that the stage does not have is accepted for a small improvement",
         survives="a second gate behind it, paired over the stretches, refuses the same",
     ),
 ) + room(
     ("tests/models/identify/test_dynamics.py",),
     Change(
-        "no-lag-beats-jitter", TUNING, "jitters: float = 5.0", "jitters: float = 1e9",
+        "no-lag-beats-jitter", LAGS, "> TUNING.far * self._measure", "> 1e9 * self._measure",
         "no lag is ever found",
     ),
     Change(
@@ -88,11 +88,11 @@ CHANGES = room(
 ) + room(
     ("tests/models/identify/test_coupling.py",),
     Change(
-        "coupling-never-pays", TUNING, "coupling_pays: float = 0.05", "coupling_pays: float = 2.0",
+        "coupling-never-pays", COUPLING, "TUNING.small * powers[0]", "2.0 * powers[0]",
         "no model contains the coupling from other axes",
     ),
     Change(
-        "coupling-always-pays", "models/identify/coupling.py",
+        "coupling-always-pays", COUPLING,
         "        trials = [trial for trial in trials if trial[2]]\n", "",
         "a model contains a coupling although there is none",
     ),
@@ -157,7 +157,7 @@ CHANGES += room(
     Change(
         "one-waveform-is-all",
         BAND,
-        "left_out *= TUNING.another_waveform**2",
+        "left_out *= TUNING.near**2",
         "left_out *= 1.0",
         "an interval from one recording is as narrow as one from several",
     ),
