@@ -46,7 +46,7 @@ class Tuning(NamedTuple):
     few_operators: int = 24  # while a lag is sought, or the start judged
     coarse: int = 32  # operators while structures are compared
     # the last fit
-    fine: int = 48  # operators; thresholds much closer cannot be told apart by data
+    fine: int = 45  # operators; thresholds much closer cannot be told apart by data
     spacing: float = 2.5  # power by which thresholds grow; with Eq. 10's 3 a model of a part of the
     # range is worse on other drives in it
     rows_fitted: int = 300_000  # more do not lower its error by a nanometre, and fill the memory
