@@ -172,7 +172,7 @@ class Search:
         for best in self._bests(tried):
             if self.setup.rate_max <= 0.0:
                 continue
-            if best.held_rms > TUNING.twice * least:
+            if best.held_rms > TUNING.far * least:
                 continue
             self.progress("looking for a lag")
             if best.shape.rate:

@@ -10,12 +10,13 @@ from scipy.signal import lfilter
 
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.identify import Options, identify
+from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import move_saturation
 from dehyst.models.model import Hysteresis
 from dehyst.models.recording import Recording
 
 T, N, NOISE_UM, RUNS = 1e-3, 3000, 0.01, 54
-R = [5.0 * (i / 48) ** 3 for i in (0, 16, 28, 40)]  # for a drive from 0 to 10 V
+R = [5.0 * (i / TUNING.fine) ** 3 for i in (0, 15, 26, 38)]  # for a drive from 0 to 10 V
 SLOPES = np.array([0.6, 0.8, 1.1, 1.5])
 TRUTH = Hysteresis(r=R, b=np.diff(SLOPES, prepend=0.0), c=[0.0, 1.0])
 
