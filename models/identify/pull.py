@@ -17,7 +17,6 @@ from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.equations import Equations, Normal, Params, Shape
 from dehyst.models.identify.fit import Bounds
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Floats
 
 

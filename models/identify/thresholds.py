@@ -20,7 +20,7 @@ from dehyst.models.recording import Floats
 def space_thresholds(n: int, drive_span: float, whole: bool = False, power: float = 3.0) -> Floats:
     """(n,) thresholds from 0 to below half the span, fine where small (Eq. 10 with its power).
 
-    Of many the first lies no lower than that of TUNING.fine: data cannot tell thresholds much closer.
+    Of many the first lies no lower than that of TUNING.fine: data cannot tell closer ones.
     whole: some of them up to the span; on the virgin curve operators as wide as that still move.
     """
     wide = max(1, int(TUNING.minor * n)) if whole and n > 4 else 0
