@@ -84,7 +84,7 @@ def without_rests(recording: Recording) -> Recording:
     what is seen there is theirs."""
     assert recording.displacement is not None
     u = recording.drive
-    rounding = 1e-6 * float(np.nanmax(u) - np.nanmin(u))  # of a drive written with six digits
+    rounding = 1e-6 * float(np.nanmax(u) - np.nanmin(u))  # a drive that changes less stands
     still = np.abs(np.diff(u, prepend=u[:1])) <= rounding
     last_move = np.maximum.accumulate(np.where(still, 0, np.arange(u.size)))
     rests = recording.t_s - recording.t_s[last_move] > TUNING.slow_s

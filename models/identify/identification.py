@@ -354,7 +354,7 @@ def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:
     for one in rows:
         known = ~np.isnan(one.u)
         pace = measure_pace(one.t_s[known], one.u[known], setup.span)
-        # 99 rows in 100: the slowest few, as about a turn, do not show what is slow
+        # 99 rows in 100: slower ones are too few to show what is slow
         slowest.append(float(np.quantile(pace, 0.99)) if pace.size else 0.0)
     bands = [b for one in rows if (b := measure_band_hz(one.u, one.period_s)) is not None]
     return Validity(

@@ -65,7 +65,7 @@ def find_share(data: Normal, whole: Normal, pull: Normal, bounds: Bounds, most: 
     """
     low, high = bounds
     found, free = 0.01, None
-    for share in np.geomspace(found, 1.0, 15):  # a step changes the model by less than noise does
+    for share in np.geomspace(found, 1.0, 15):  # 1: as much as all rows together
         weight = share * data.count / pull.count
         gram, right = whole.gram + weight * pull.gram, whole.right + weight * pull.right
         p, free = bounded_solve(gram, right, low, high, free)
