@@ -163,13 +163,15 @@ def _bands(data: Data, e: Floats, sigma: float) -> dict[str, Any]:
     edges = np.geomspace(max(2.0 / longest, 1e-4 * top), top, 25)
     power, count = np.zeros(24), np.zeros(24)
     for p in np.unique(data.part):
-        k = (data.part == p) & data.rows
-        x = e[k]
-        if x.size < 64:
+        here = data.part == p
+        used = data.rows[here]
+        if used.sum() < 64:
             continue
-        window = np.hanning(x.size)
-        spectrum = np.abs(np.fft.rfft((x - x.mean()) * window)) ** 2 / np.sum(window**2)
-        f = np.fft.rfftfreq(x.size, float(data.dt[k][0]))
+        # rows that do not count weigh nothing and keep their time
+        window = np.hanning(used.size) * used
+        x = (e[here] - e[here][used].mean()) * window
+        spectrum = np.abs(np.fft.rfft(x)) ** 2 / np.sum(window**2)
+        f = np.fft.rfftfreq(used.size, float(data.dt[here][0]))
         place = np.digitize(f, edges) - 1
         good = (place >= 0) & (place < 24)
         power += np.bincount(place[good], spectrum[good], 24)
