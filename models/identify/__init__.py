@@ -1,4 +1,4 @@
-"""Identification: recordings in, an invertible model out, with what it is worth."""
+"""Identify an invertible model from recordings, and estimate its error."""
 
 from dehyst.models.cascade.figures import Figures, describe
 from dehyst.models.identify.identification import identify_alone

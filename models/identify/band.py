@@ -1,14 +1,14 @@
-"""How far a model may be off on a drive that it has not seen: one figure for the whole range.
+"""Estimate how far a model may be off on an unseen drive: one figure for the whole range.
 
-What a model misses shows out of sample, on stretches of its own recording that were left out, of
-time and of the drive's ways, beyond the noise. Errors of the first are taken as they are
-distributed, by the quantile that holds 95 % of them (as in the jackknife+: R. F. Barber et al.,
-Ann. Stat. 49, 2021): misfit has no tails as noise has, so that 1.96 times its rms is too wide. One
-recording shows one waveform, and one factor widens the quantile for another. What noise does to the
-parameters is independent of it and adds in squares, carried to a drive of all kinds
-(models.identify.data.comparison_drive). There structures may differ between which the recordings do
-not decide, and the model may differ from what the data want where no invertible model gives it:
-estimates of the same error, of which the largest is taken.
+The misfit of a model shows out of sample, on stretches of its own recording that were left out,
+both of time and of the drive's segments, beyond the noise. Errors on left-out stretches of time are
+used with their own distribution, by the quantile that holds 95 % of them (as in the jackknife+: R.
+F. Barber et al., Ann. Stat. 49, 2021): misfit has no tails as noise has, so 1.96 times its rms is
+too wide. One recording contains one waveform, so a factor widens the quantile for other waveforms.
+The effect of noise on the parameters is independent of it and adds in squares, computed on the
+comparison drive (models.identify.data.comparison_drive). On that drive, structures between which
+the recordings do not decide may differ, and the model may differ from the shape that the data call
+for if no invertible model has it. These are estimates of the same error, so the largest is used.
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,7 +30,7 @@ from dehyst.models.identify.uncertainty import Jackknife
 from dehyst.models.recording import Floats
 
 Z95 = 1.96
-EVERY = 7  # rows of the drive of all kinds, which is none of its periods
+EVERY = 7  # one row in this many of the comparison drive; not commensurate with its periods
 
 
 def estimate_band(
@@ -40,10 +40,11 @@ def estimate_band(
     jackknife: Jackknife,
     known: tuple[float, float],
 ) -> float:
-    """Half the width of the interval that holds 95 % of the displacements that the model predicts.
+    """Return half the width of the interval that holds 95 % of the displacements that the model
+    predicts.
 
-    jackknife: without each stretch of time; known: rms of what the structures differ, and of the
-    noise.
+    jackknife: with each stretch of time left out; known: rms difference between the candidate
+    structures, and rms noise.
     """
     spread, noise = known
     power, count = 0.0, 0
@@ -61,10 +62,10 @@ def estimate_band(
 
 
 def is_rival(best: TriedStructure, other: TriedStructure) -> bool:
-    """Do the recordings not decide between these two, of one kind?"""
+    """Return whether the recordings do not decide between these two candidates of one kind."""
     kind = (best.shape.rate, best.offset, best.lag, best.loose)
     if not other.invertible or other.superseded:
-        return False  # it could not have been taken
+        return False  # it could not have been chosen
     same = kind == (other.shape.rate, other.offset, other.lag, other.loose)
     return same and best.shape != other.shape and not pays(other, best, clear=0.0)
 
@@ -72,9 +73,9 @@ def is_rival(best: TriedStructure, other: TriedStructure) -> bool:
 def measure_spread(
     setup: FitSetup, r: Floats, best: TriedStructure, rivals: Sequence[TriedStructure]
 ) -> float:
-    """Rms of what the farthest of these structures, on thresholds r, differs from the best on a
-    drive of all kinds. Each is fitted anew to the recordings: the parameters that it was compared
-    by belong to equations that are linear about others."""
+    """Return the rms difference on the comparison drive between the best structure and the farthest
+    of its rivals, all on thresholds r. Each is fitted to the recordings again, because the
+    parameters by which it was compared belong to equations linearised about others."""
     if not rivals:
         return 0.0
     picks = thin(setup.picks, TUNING.rows_compared)
@@ -90,7 +91,7 @@ def measure_spread(
 
 
 def _settle(setup: FitSetup, r: Floats, lots: list[Equations], one: TriedStructure) -> Params:
-    """Parameters of a structure at the minimum of its misfit within the bounds."""
+    """Return the parameters of a structure at the minimum of its misfit within the bounds."""
     bounds = make_bounds(one.params, setup.limits, r, TUNING.crumb * setup.span * one.loose)
     prior = Prior(r, setup.slope, 0.5 * setup.span)
     return fit_shape(
@@ -99,7 +100,7 @@ def _settle(setup: FitSetup, r: Floats, lots: list[Equations], one: TriedStructu
 
 
 def _list_equations(setup: FitSetup, r: Floats, offset: float, rate: bool) -> Iterator[Equations]:
-    """Equations of some rows of the drive of all kinds."""
+    """Yield the equations of some rows of the comparison drive."""
     rows = make_comparison_drive(setup.drive_min, setup.drive_max, setup.rate_max if rate else 0.0)
     use = np.arange(rows.u.size) % EVERY == 0
     alone = replace(setup, rows=[rows], picks=[use])

@@ -1,11 +1,11 @@
-"""Least squares with bounds on both sides, from the normal equations.
+"""Solve least squares with bounds on both sides, from the normal equations.
 
     minimise  p' G p / 2 - g' p   with   low <= p <= high   (infinite: free)
 
 Block principal pivoting (J. Kim, H. Park, "Fast nonnegative matrix factorization: an
-active-set-like method and comparisons", SIAM J. Sci. Comput. 33, 2011): whole groups of
-unknowns change sides, one at a time where groups would cycle. Small and dense: up to a
-few hundred unknowns. Compiled, as hundreds of such problems are solved for one recording.
+active-set-like method and comparisons", SIAM J. Sci. Comput. 33, 2011): whole groups of unknowns
+change sides, or one at a time if groups would cycle. Dense matrices of up to a few hundred
+unknowns; compiled, because hundreds of such problems are solved for one recording.
 """
 
 import numpy as np
@@ -13,18 +13,18 @@ from numba import njit
 
 from dehyst.models.recording import Bools, Floats
 
-RIDGE = 1e-12  # of the unit diagonal; settles exactly collinear columns, far below any data
-OUT, DUAL = 1e-12, 1e-9  # how far beyond a bound, and how wrong a multiplier, is none
-SINGULAR = 1e-15  # of the unit diagonal: a pivot this small is none
+RIDGE = 1e-12  # of the unit diagonal; resolves exactly collinear columns, far below any data
+OUT, DUAL = 1e-12, 1e-9  # tolerances: distance beyond a bound, error of a multiplier
+SINGULAR = 1e-15  # of the unit diagonal: a smaller pivot counts as zero
 
 
 def bounded_solve(
     gram: Floats, right: Floats, low: Floats, high: Floats | None = None, free: Bools | None = None
 ) -> tuple[Floats, Bools]:
-    """Solution (p,) and which unknowns are off their bounds (p,).
+    """Return the solution (p,) and which unknowns are off their bounds (p,).
 
     gram: (p, p) symmetric positive semi-definite; right: (p,); low, high: (p,), infinite for no
-    bound, high None: nowhere; free: a first guess of the unknowns off their bounds.
+    bound, high None: no upper bounds; free: initial guess of the unknowns off their bounds.
     """
     high = np.full(low.size, np.inf) if high is None else high
     side = np.zeros(low.size)  # -1: at low, 0: free, 1: at high
@@ -37,7 +37,7 @@ def bounded_solve(
 
 @njit(cache=True, nogil=True)
 def _pivot(gram: Floats, right: Floats, low: Floats, high: Floats, side: Floats) -> Floats:
-    """The solution; side is left as it is there."""
+    """Return the solution; on return, side describes it."""
     n = right.size
     scale = np.empty(n)
     for i in range(n):
@@ -72,7 +72,7 @@ def _pivot(gram: Floats, right: Floats, low: Floats, high: Floats, side: Floats)
             fewest, patience = count, 3
         elif patience > 0:
             patience -= 1
-        else:  # Murty's rule ends surely
+        else:  # Murty's rule always terminates
             wrong[:] = False
             wrong[last] = True
         for i in range(n):
@@ -83,7 +83,7 @@ def _pivot(gram: Floats, right: Floats, low: Floats, high: Floats, side: Floats)
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def _factor(a: Floats) -> bool:
-    """Cholesky's factor in the lower half of a; False where a is singular."""
+    """Write Cholesky's factor into the lower half of a; return False if a is singular."""
     n = a.shape[0]
     for i in range(n):
         for j in range(i):
@@ -102,7 +102,7 @@ def _factor(a: Floats) -> bool:
 
 @njit(cache=True, nogil=True)
 def _solve(g: Floats, h: Floats, side: Floats, low: Floats, high: Floats, p: Floats) -> None:
-    """Write into p the solution with the unknowns of a side on their bounds."""
+    """Write into p the solution with the unknowns of nonzero side on their bounds."""
     n = h.size
     at = np.flatnonzero(side == 0.0)
     for i in range(n):

@@ -1,10 +1,10 @@
-"""What other axes of the stage bring: y = f(u) + sum_k gain_k (channel_k - reference_k).
+"""Identify the coupling from other axes: y = f(u) + sum_k gain_k (channel_k - reference_k).
 
-Recordings of one axis that hold what the other axes did (channels `axis.y`, their displacement, or
-`axis.y.drive`) are fitted with one gain for each, where held-out stretches say that it pays. The
-gains come from what the model without them leaves, both cleared of what the own drive could explain
-as well (R. Frisch and F. V. Waugh, Econometrica 1, 1933): so axes that moved together do no harm.
-Memory, modes and lags of a coupling are for a diagnosis.
+Recordings of one axis that also contain the other axes (channels `axis.y`, their displacement, or
+`axis.y.drive`) are fitted with one gain for each, if it pays on held-out stretches. The gains are
+fitted to the residual of the model without them, after projecting out of both what the own drive
+could also explain (R. Frisch and F. V. Waugh, Econometrica 1, 1933), so axes that moved together do
+no harm. Memory, modes and lags of a coupling are left to a diagnosis.
 """
 
 from collections.abc import Sequence
@@ -21,9 +21,9 @@ from dehyst.models.signals.filters import plays
 
 @dataclass(frozen=True)
 class Coupled:
-    """One gain. channel: of the recordings; gain: displacement per unit of it; reference: its mean;
-    before, after: rms held out without it and with it, over stretches in which the channel moves.
-    """
+    """One gain. channel: of the recordings; gain: displacement per unit of the channel; reference:
+    mean of the channel; before, after: held-out rms without and with the gain, over stretches in
+    which the channel moves."""
 
     channel: str
     gain: float
@@ -33,8 +33,8 @@ class Coupled:
 
 
 def find_other_axes(recordings: Sequence[Recording]) -> list[str]:
-    """Channels that every recording has and that move: the displacement of another axis, or its
-    drive where that is not there."""
+    """Return the channels that every recording has and that move: the displacement of another axis,
+    or its drive if there is no displacement."""
     names = [n for n in recordings[0].channels if AXIS_CHANNEL.fullmatch(n)]
     names = [n for n in names if all(n in r.channels for r in recordings)]
     moving = [n for n in names if any(np.nan_to_num(np.nanstd(r.channels[n])) for r in recordings)]
@@ -44,9 +44,9 @@ def find_other_axes(recordings: Sequence[Recording]) -> list[str]:
 def couple(
     recordings: Sequence[Recording], residuals: Sequence[Floats], known: Sequence[Coupled] = ()
 ) -> list[Coupled]:
-    """The gains that pay, the largest first. residuals: one (N,) for each recording, its
-    displacement or what a model leaves of it, NaN where it does not count; a model has the
-    couplings that are known: they stay, and their gains become exact."""
+    """Return the gains that pay, the largest improvement first. residuals: one (N,) for each
+    recording, its displacement or the residual of a model, NaN where it does not count; known:
+    couplings that the model already contains: they are kept, and their gains are corrected."""
     names = find_other_axes(recordings)
     if not names:
         return []
@@ -71,7 +71,7 @@ def couple(
 
 
 def uncouple(recording: Recording, couplings: Sequence[Coupled]) -> Recording:
-    """The recording as it would be if the other axes stood at their means."""
+    """Return the recording as if the other axes had stayed at their means."""
     assert recording.displacement is not None
     y = recording.displacement.copy()
     for one in couplings:
@@ -80,11 +80,11 @@ def uncouple(recording: Recording, couplings: Sequence[Coupled]) -> Recording:
 
 
 def without_rests(recording: Recording) -> Recording:
-    """The recording without the displacement while its own drive stands for long and others move:
-    what is seen there is theirs."""
+    """Return the recording without the displacement at long rests of its own drive, where only the
+    other axes can move the stage."""
     assert recording.displacement is not None
     u = recording.drive
-    rounding = 1e-6 * float(np.nanmax(u) - np.nanmin(u))  # a drive that changes less stands
+    rounding = 1e-6 * float(np.nanmax(u) - np.nanmin(u))  # a drive that changes less is at rest
     still = np.abs(np.diff(u, prepend=u[:1])) <= rounding
     last_move = np.maximum.accumulate(np.where(still, 0, np.arange(u.size)))
     rests = recording.t_s - recording.t_s[last_move] > TUNING.slow_s
@@ -92,7 +92,7 @@ def without_rests(recording: Recording) -> Recording:
 
 
 def with_couplings(model: Model, couplings: Sequence[Coupled]) -> Model:
-    """The model with a block for each, before those of the sensor."""
+    """Return the model with a block for each coupling, before those of the sensor."""
     unit = model.displacement_unit
     blocks = [coupled(unit, one.gain, one.reference, one.channel) for one in couplings]
     own = [b for b in model.blocks if b.place != "sensor"]
@@ -100,7 +100,8 @@ def with_couplings(model: Model, couplings: Sequence[Coupled]) -> Model:
 
 
 class _Rest:
-    """What a model leaves and what the channels do, both cleared of what the own drive explains."""
+    """The residual of a model and the channels, both without the part that the own drive
+    explains."""
 
     def __init__(
         self, recordings: Sequence[Recording], residuals: Sequence[Floats], names: Sequence[str]
@@ -117,7 +118,7 @@ class _Rest:
             begin[0] = True
             r = np.linspace(0.0, 0.5, TUNING.few_operators) * span
             piece = np.arange(u.size) * TUNING.parts // u.size
-            # a level for each stretch: creep and drift are no coupling
+            # a level for each stretch: creep and drift are not coupling
             levels = piece[:, None] == np.arange(TUNING.parts)
             h = plays(r, np.ascontiguousarray(u), begin) / span
             z = (u - u.mean()) / span
@@ -136,13 +137,13 @@ class _Rest:
         self.means = [float(np.nanmean(one)) for one in whole]
 
     def gains(self, taken: Sequence[int], rows: Bools) -> Floats:
-        """(len(taken),) from these rows."""
+        """Return the gains (len(taken),) fitted to these rows."""
         c = self.columns[rows][:, list(taken)]
         return np.asarray(np.linalg.lstsq(c, self.left[rows], rcond=None)[0], np.float64)
 
     def try_out(self, taken: Sequence[int], more: int) -> tuple[float, float, bool]:
-        """Rms held out without and with one channel more, and whether that pays: in the stretches
-        in which it moves."""
+        """Return the held-out rms without and with one more channel, over the stretches in which it
+        moves, and whether adding it pays."""
         moves = np.bincount(self.piece, self.columns[:, more] ** 2, self.count)
         size = np.bincount(self.piece, minlength=self.count)
         lively = np.flatnonzero(moves > TUNING.minor * moves.sum() / self.count)

@@ -1,7 +1,8 @@
-"""The linear dynamics that are identified with a hysteresis, applied to what is fitted.
+"""Apply the linear dynamics that are identified with a hysteresis to the equations of a fit.
 
 A sensor's lag is applied to the columns of the equations, before the saturation; the written model
-applies it behind. The two differ by the square of the lag times the curvature of the saturation.
+applies it after the saturation. The two differ by the square of the lag times the curvature of the
+saturation.
 """
 
 import math
@@ -20,7 +21,7 @@ SAME = 1e-9  # sampling intervals that differ by less than this part count as eq
 
 
 def rows_behind(lag: Dynamics, rows: Rows) -> Rows:
-    """The rows with the drive as it reaches the hysteresis."""
+    """Return the rows with the drive as it reaches the hysteresis."""
     if lag.place != "drive":
         return rows
     known = ~np.isnan(rows.u)
@@ -32,8 +33,8 @@ def rows_behind(lag: Dynamics, rows: Rows) -> Rows:
 
 
 class Filter:
-    """A sensor's lag over many columns at once, lot after lot; exact for columns that run in
-    straight lines between the rows."""
+    """Apply a sensor's lag to many columns at once, lot after lot; exact for columns that change
+    linearly between the rows."""
 
     def __init__(self, lag: Dynamics, width: int) -> None:
         self._theta = np.array(lag.theta)
@@ -41,7 +42,7 @@ class Filter:
         self._last = np.full(1, np.nan)  # time before
 
     def run(self, x: Floats, t_s: Floats, fresh: Bools) -> None:
-        """Filter x (n, width) in place. fresh: (n,) rows at which it starts settled."""
+        """Filter x (n, width) in place. fresh: (n,) rows at which the filter restarts settled."""
         _filter_columns(x, t_s, fresh, self._theta, self._state, self._last)
 
 

@@ -1,18 +1,18 @@
-"""The equations of a fit, in lots of rows, and their normal equations.
+"""Make the equations of a fit, in lots of rows, and their normal equations.
 
-With D_i = H_i - H_{i+1} (the last: H_n) the model is z = sum_i s_i(v) D_i, where s_i is the i-th
-partial sum of the weights at the rate v: the slope dz/du after the (i-1)-th operator has joined
-in. Over rates from -R_i to R_i it runs linearly from beta_i to alpha_i,
+With D_i = H_i - H_{i+1} (D_n = H_n) the model is z = sum_i s_i(v) D_i, where s_i is the i-th
+partial sum of the weights at the rate v: the slope dz/du after the (i-1)-th operator has joined in.
+For rates from -R_i to R_i it changes linearly from beta_i to alpha_i,
 
     s_i(v) = alpha_i (1 + v/R_i) / 2 + beta_i (1 - v/R_i) / 2 ,
 
-so that monotonicity over the whole rate range is alpha_i >= eps and beta_i >= eps. R_i is the
-largest rate up to which the slope s_i is bounded: R, the largest rate of all, or the largest at
-which the drive can meet it after a turn (dehyst.models.hysteresis.z_range.find_rates). The
-saturation is S(z) = z + sum_j c_j z^j: the scale shared by weights and polynomial is fixed by
-c_1 = 1.
+so that monotonicity over the whole rate range means alpha_i >= eps and beta_i >= eps. R_i is the
+largest rate up to which the slope s_i is bounded: R, the largest rate of all, or the largest rate
+at which the drive can reach that slope after a turn (dehyst.models.hysteresis.z_range.find_rates).
+The saturation is S(z) = z + sum_j c_j z^j: c_1 = 1 fixes the scale that weights and polynomial
+share.
 
-Rows come in lots of bounded size; the Jacobian of one lot is all that is held.
+Rows come in lots of limited size, so that only the Jacobian of one lot is held in memory.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -35,10 +35,9 @@ Ints = NDArray[np.int64]
 
 
 class Equations(NamedTuple):
-    """d: (n, M) play differences D_i; e: (n, M) v / R_i times these, both as the sensor's lag
-    passes them on, or (n, 0) where no rate is wanted; y: (n,); group: (n,)
-    recording number; piece: (n,) stretch of the drive; pace: (n,) v / R; weight: how often each of
-    these equations counts."""
+    """d: (n, M) play differences D_i; e: (n, M) v / R_i times these, or (n, 0) if no rate is
+    wanted; d and e are filtered by the sensor's lag; y: (n,); group: (n,) number of the recording;
+    piece: (n,) stretch of the drive; pace: (n,) v / R; weight: how often each equation counts."""
 
     d: Floats
     e: Floats
@@ -51,7 +50,7 @@ class Equations(NamedTuple):
 
 @dataclass(frozen=True)
 class Shape:
-    """rate: weights depend on the rate; powers: powers of z beside the first, 0 included;
+    """rate: weights depend on the rate; powers: powers of z other than the first, 0 included;
     free_offset: the drive offset about which the rate acts is fitted as well."""
 
     rate: bool
@@ -60,12 +59,12 @@ class Shape:
 
     @property
     def even(self) -> bool:
-        """True with even powers of z: the loop need not be symmetric."""
+        """Whether there are even powers of z, with which the loop need not be symmetric."""
         return any(p and p % 2 == 0 for p in self.powers)
 
     @property
     def name(self) -> str:
-        """In words, for people."""
+        """Description in words."""
         kind = "full polynomial" if self.even else "odd polynomial"
         degree = max((1, *self.powers))
         saturation = "no saturation" if degree == 1 else f"{kind} of degree {degree}"
@@ -74,8 +73,8 @@ class Shape:
 
 class Params(NamedTuple):
     """slopes: (M,) or (2M,) alpha then beta; c: (len(powers),); shifts: (G - 1,) offsets of the
-    further recordings against the first; lead: (1,) z per v / R alone where the drive offset of the
-    rate is free, else (0,)."""
+    further recordings relative to the first; lead: (1,) z per v / R if the drive offset of the rate
+    is free, else (0,)."""
 
     slopes: Floats
     c: Floats
@@ -83,12 +82,12 @@ class Params(NamedTuple):
     lead: Floats = np.zeros(0)
 
     def packed(self) -> Floats:
-        """All in one array."""
+        """Return all parameters in one array."""
         return np.concatenate(self)
 
     @staticmethod
     def unpacked(p: Floats, like: "Params") -> "Params":
-        """The inverse of packed()."""
+        """Return the parameters in `p`; the inverse of packed()."""
         ends = np.cumsum([part.size for part in like])[:-1]
         return Params(*np.split(p, ends))
 
@@ -103,8 +102,9 @@ def _run_plays(
     d: Floats,
     at: Ints,
 ) -> int:
-    """Run the plays over a lot; write D of the rows with a drive into d and their places into at;
-    return their number. offsets: of the drive, and where it had been before, against that."""
+    """Run the plays over a lot; write D of the rows with a drive into d and their positions into
+    at; return their number. offsets: of the drive, and where the drive had been before a reset,
+    relative to that offset."""
     count, n = 0, r.size
     for t in range(u.size):
         if fresh[t]:
@@ -131,11 +131,11 @@ def make_equations(
     lag: Dynamics | None = None,
     rate: bool = True,
 ) -> Iterator[Equations]:
-    """Lots of equations for the picked rows of each recording; the plays see every row.
+    """Yield lots of equations for the picked rows of each recording; the plays see every row.
 
-    offsets: of the drive, for the plays and for what the rate does with them, which are settled
-    where the two differ; rates: (M,) R_i; lag: what acts on drive or sensor; rate: whether the
-    rate's columns are wanted.
+    offsets: of the drive for the plays, and for the effect of the rate on them (they differ only if
+    the plays are settled); rates: (M,) R_i; lag: dynamics of drive or sensor; rate: whether to make
+    the rate's columns.
     """
     rate_max = float(rates[-1])
     shares = rates / rate_max if rate_max > 0.0 else np.ones(r.size)
@@ -176,7 +176,7 @@ def make_equations(
 
 
 def gather_equations(equations: Iterable[Equations]) -> list[Equations]:
-    """The same equations in fewer lots: those of few rows are joined."""
+    """Return the same equations in fewer lots: small lots are joined."""
     out: list[Equations] = []
     few: list[Equations] = []
     size = 0
@@ -204,7 +204,7 @@ def _join(lots: Sequence[Equations]) -> Equations:
 
 
 def sort_by_piece(equations: Sequence[Equations], count: int) -> list[Equations]:
-    """One lot for each of `count` pieces."""
+    """Return one lot for each of `count` pieces."""
     d, e, y, group, piece, pace, weight = _join(equations)
     order = np.argsort(piece, kind="stable")
     ends = np.searchsorted(piece[order], np.arange(count + 1))
@@ -257,7 +257,8 @@ def _linearise(lot: Equations, powers: Ints, params: Params, jac: Floats, err: F
 
 
 def linearise(lot: Equations, shape: Shape, params: Params) -> tuple[Floats, Floats]:
-    """Jacobian (n, p) of the model's output by the packed parameters, and error (n,) y - model."""
+    """Return the Jacobian (n, p) of the model's output with respect to the packed parameters, and
+    the error (n,) y - model."""
     n = lot.d.shape[0]
     jac = np.empty((n, params.packed().size))
     err = np.empty(n)
@@ -268,8 +269,8 @@ def linearise(lot: Equations, shape: Shape, params: Params) -> tuple[Floats, Flo
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal equations about some parameters p0: with J p0 added to the errors, the sum of
-    squares of other parameters is total - 2 right' p + p' gram p. count: equations."""
+    """Normal equations about some parameters p0: with J p0 added to the errors, the sum of squares
+    at other parameters p is total - 2 right' p + p' gram p. count: number of equations."""
 
     gram: Floats
     right: Floats
@@ -278,17 +279,17 @@ class Normal:
     misfit: float
 
     def misfit_at(self, p: Floats) -> float:
-        """Sum of squares at parameters p, as the linearised equations have it."""
+        """Return the sum of squares at parameters p according to the linearised equations."""
         return max(0.0, self.total + float(np.dot(p, self.gram @ p - 2.0 * self.right)))
 
 
 def measure_misfit(equations: Iterable[Equations], shape: Shape, params: Params) -> float:
-    """Sum of the squares that the parameters leave."""
+    """Return the sum of squared errors at these parameters."""
     return sum(float(np.sum(linearise(lot, shape, params)[1] ** 2)) for lot in equations)
 
 
 def assemble(equations: Iterable[Equations], shape: Shape, params: Params) -> Normal:
-    """Normal equations of all lots, linearised at params."""
+    """Return the normal equations of all lots, linearised at params."""
     p0 = params.packed()
     gram, right = np.zeros((p0.size, p0.size)), np.zeros(p0.size)
     misfit, count = 0.0, 0

@@ -1,9 +1,9 @@
-"""How strong the prior is, and which of a few powers of z stand, by the evidence of the recordings.
+"""Choose the strength of the prior, and which of a few powers of z to keep, by log evidence.
 
-Hold-out says little about what acts where the recording is silent: a sine or two tell a saturation
-and a rate that acts on one side of the range nearly alike. The evidence of a linear model with
-Gaussian noise and prior (D. J. C. MacKay, Neural Computation 4, 1992), at the bounded solution,
-weighs what a structure explains against how much it could have explained beside.
+Hold-out says little about effects where the recording has no data: one or two sines hardly
+distinguish a saturation from a rate-dependence that acts on one side of the range. The evidence of
+a linear model with Gaussian noise and prior (D. J. C. MacKay, Neural Computation 4, 1992), at the
+bounded solution, weighs what a structure explains against how much else it could have explained.
 """
 
 from collections.abc import Sequence
@@ -22,9 +22,8 @@ from dehyst.models.recording import Floats
 
 @dataclass(frozen=True)
 class ProbableStructure:
-    """A structure at the prior that makes the recording the most probable. evidence: its
-    logarithm, but for a constant that structures of one kind share; noise: power of the noise that
-    it was computed with."""
+    """A structure at the prior that maximises the evidence. evidence: its logarithm, up to a
+    constant that structures of one kind share; noise: noise power with which it was computed."""
 
     candidate: TriedStructure
     prior: Prior
@@ -32,25 +31,27 @@ class ProbableStructure:
     noise: float
 
 
-Strengths = tuple[float, float]  # of the prior, and its share for the rate
+Strengths = tuple[float, float]  # of the prior, and the rate's share of it
 
 
 def maximise_evidence(trial: Trial, shape: Shape, noise: float | None = None) -> ProbableStructure:
-    """A structure at the strengths of the prior that make the recording the most probable, of those
-    that can be inverted and that hold-out does not speak against.
+    """Return a structure at the strengths of the prior that maximise the evidence, among those that
+    can be inverted and that hold-out does not contradict.
 
-    noise: its power; None: what the structure itself leaves.
+    noise: noise power; None: the power of the structure's own residual.
     """
     known = trial.setup.strengths
     each = [trial.score(shape, (strength,)) for strength in known[::2]]
     best = min(each, key=lambda c: c.held_rms)
+    # three steps between strengths, mostly factors of 3: finer than hold-out's factors of 30 and
+    # more, which the evidence can afford, as a strength costs one solve instead of one per fold
     finer = sorted({float(s) for a, b in pairwise(known) for s in np.geomspace(a, b, 4)})
     plain = trial.prior
     share = plain.rate_share
     if noise is None:
         noise = _measure_noise(trial, shape, finer)
     tried: dict[Strengths, float] = {}
-    for turn in range(3 if shape.rate else 1):  # along one of the two, then along the other
+    for turn in range(3 if shape.rate else 1):  # along one of the two, then the other
         if turn:
             share = max(tried, key=lambda at: tried[at])[1]
         _weigh(trial, shape, [(s, share) for s in finer], noise, tried)
@@ -69,7 +70,7 @@ def maximise_evidence(trial: Trial, shape: Shape, noise: float | None = None) ->
 
 
 def _measure_noise(trial: Trial, shape: Shape, strengths: Sequence[float]) -> float:
-    """Power of what the structure leaves, at the most, where it is free."""
+    """Return the power of the residual at the weakest prior: an upper limit of the noise power."""
     total = trial.total(shape)
     low, high = trial.bound(shape)
     p, _ = bounded_solve(total.gram, total.right, low, high)
@@ -86,7 +87,7 @@ def _weigh(
     noise: float,
     tried: dict[Strengths, float],
 ) -> None:
-    """Write the logarithm of the evidence at each of these into `tried`, but for a constant."""
+    """Write the log evidence at each of these strengths into `tried`, up to a constant."""
     total = trial.total(shape)
     low, high = trial.bound(shape)
     size = trial.like.slopes.size
@@ -103,7 +104,7 @@ def _weigh(
         slopes = p[:size]
         cost = total.misfit_at(p) / noise + float(slopes @ prior @ slopes) + float(bends @ p**2)
         whole = gram / noise + np.diag(bends)
-        # what no row shows, as the zero of a recording without one, says nothing
+        # leave out unknowns that no row determines: a recording without rows shows no shift
         shown = np.flatnonzero(np.diag(whole) > 0.0)
         spread = _log_det(whole[np.ix_(shown, shown)])
         known = _log_det(prior + level) + float(np.log(bends[bends > 0.0]).sum())
@@ -111,8 +112,9 @@ def _weigh(
 
 
 def _expect_bends(trial: Trial, shape: Shape, size: int) -> Floats:
-    """(p,) inverse variances of the coefficients of the powers of z: a saturation bends the curve
-    by some share of the way over half the range; 0 elsewhere."""
+    """Return the inverse variances (p,) of the coefficients of the powers of z, 0 elsewhere: a
+    saturation is expected to bend the curve by TUNING.small of the displacement over half the
+    range."""
     out = np.zeros(size)
     half = 0.5 * trial.setup.slope * trial.setup.span
     begin = trial.like.slopes.size

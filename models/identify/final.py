@@ -1,7 +1,7 @@
-"""The fit of the chosen structure on many operators and all rows.
+"""Fit the chosen structure with many operators to all rows.
 
-Without bounds on narrow operators first; where these cost, the invertible model is held to the
-shape of that first fit (dehyst.models.identify.pull).
+The first fit leaves narrow operators unbounded; if the bounds cost much misfit, the invertible
+model is pulled towards the shape of that first fit (dehyst.models.identify.pull).
 """
 
 from collections.abc import Sequence
@@ -37,11 +37,15 @@ from dehyst.models.recording import Bools, Floats
 
 @dataclass(frozen=True)
 class Fitted:
-    """The model's numbers. setup: what they belong to; r: (n,) thresholds; free: unknowns off
-    their bounds; strength: of the prior; scored: the structure on these operators, as it predicts
-    stretches; costly: the data want what no invertible model gives; unreachable: rms of that on a
-    drive of all kinds; equations: what was fitted, the pull's last; normal: the normal equations
-    at the end, the prior's with them."""
+    """The fitted model and its equations.
+
+    setup: the setup to which they belong; r: (n,) thresholds; free: unknowns that are off their
+    bounds; scored: the structure with these operators, with its held-out scores; costly: the data
+    call for a behaviour that no invertible model has; unreachable: rms of that behaviour on the
+    comparison drive; equations: the fitted equations, those of the pull last; normal: the normal
+    equations at the end, including the prior; orders: (number of operators, rms error) of each
+    reduced grid.
+    """
 
     setup: FitSetup
     r: Floats
@@ -63,17 +67,17 @@ def fit_all(
     order: int | None,
     tried: Sequence[TriedStructure] = (),
 ) -> Fitted:
-    """Fit the structure of a candidate, found on `coarse` thresholds, to all rows. tried: others,
-    of which one with the second power of z may take its place.
+    """Fit the structure of a candidate, found with `coarse` thresholds, to all rows. tried: other
+    candidates; one with a further power of z may replace it.
 
-    Where the data want what a model cannot give whose slopes are positive at every rate, they are
-    positive up to the rates that the drive can have after a turn. Structures are compared without
-    that freedom, in which a rate-dependence may pass for a lag.
+    If the data call for a behaviour that a model with positive slopes at every rate cannot have,
+    slopes are only kept positive up to the rates that the drive can have after a turn. Structures
+    are compared without that freedom, because with it a rate-dependence may be mistaken for a lag.
     """
     found = _fit(setup, best, coarse, order, tried)
     if found is None:
         found = _fit(replace(setup, by_turns=True), best, coarse, order, tried)
-    assert found is not None  # with the freedom there is none to ask for
+    assert found is not None  # only a fit without the freedom returns None
     return found
 
 
@@ -84,7 +88,7 @@ def _fit(
     order: int | None,
     tried: Sequence[TriedStructure],
 ) -> Fitted | None:
-    """None where the bounds cost, and the freedom after a turn would loosen them."""
+    """Return None if the bounds cost misfit and the freedom after a turn would loosen them."""
     finest = max(TUNING.fine, order or 0)
     if order is None:
         r = space_thresholds(finest, setup.span, setup.wide, TUNING.spacing)
@@ -116,12 +120,12 @@ def _fit(
         bounds, loose = make_bounds(begin, setup.limits, r, above), above > 0.0
         return fit_shape(lambda: lots, shape, begin, bounds, prior, strength, loose, (12, close))
 
-    begins = (scored.params, start)  # the first was fitted to linear equations about the second
+    begins = (scored.params, start)  # the first solves the equations linearised about the second
     begin = min(begins, key=lambda p: measure_misfit(equations, shape, p))
     loose = run(equations, begin, narrow)
     tight = run(equations, loose.params, 0.0, 1e-3)
     least, bounded = loose.normal.misfit, tight.normal.misfit
-    freed = float(np.count_nonzero(r <= narrow) * (1 + shape.rate))  # of these chance takes some
+    freed = float(np.count_nonzero(r <= narrow) * (1 + shape.rate))  # each gains a little by chance
     chance = (freed + TUNING.sure * np.sqrt(2.0 * freed)) / loose.normal.count
     costly = setup.limits is not None and bounded > least * (1.0 + TUNING.trace + chance)
     if costly and shape.rate and not setup.by_turns:
@@ -134,7 +138,7 @@ def _fit(
         wish = make_pull(setup, r, shape, offset, loose.params)
         each = loose.normal.count / wish.u.size
         pull = weigh_pull(setup, wish, r, offset, shape.rate, each)
-        # it moves the model far: what it costs is computed from where it would end
+        # the pull moves the model far, so compute its cost at the end of that move
         begin = run(equations + pull, begin, 0.0, 1e-3).params
         data = assemble(equations, shape, begin)
         whole = prior.add_to(data, shape.rate, strength)
@@ -165,20 +169,20 @@ def _fit(
 def find_bent(
     setup: FitSetup, best: TriedStructure, tried: Sequence[TriedStructure]
 ) -> Shape | None:
-    """A structure with one power of z more, which the evidence is asked about; None: there is none.
+    """Return a structure with one more power of z, for comparison by evidence; None if there is
+    none.
 
-    A sine or two tell a saturation and what the rate does nearly alike, so hold-out does not see
-    it. Every curve bends, by a second power about a bias and by a third (Eq. 3) from the
-    de-energised state, and it stands unless the evidence is against it: what a bend costs where
-    there is none is a fraction of what it costs to leave one out.
+    One or two sines hardly distinguish a saturation from a rate-dependence, so hold-out does not
+    detect it. Every curve bends, by a second power about a bias and by a third (Eq. 3) from the
+    de-energised state. The bent curve is kept unless the evidence contradicts it: a bend where
+    there is none costs a fraction of the error of a bend left out.
     """
     shape = best.shape
     if setup.running is not None or not shape.rate or any(shape.powers):
         return None
     if best.lag is not None and best.lag.place == "sensor":
-        return (
-            None  # the equations have it before the saturation, where a curve is predicted wrongly
-        )
+        # the equations apply this lag before the saturation, so a curve is predicted wrongly
+        return None
     power = 3 if setup.virgin else 2
     bent = replace(shape, powers=(*shape.powers, power))
     known = any(power in c.shape.powers and c.shape.rate for c in tried)
@@ -195,7 +199,8 @@ def _reduce(
     prior: Prior,
     strength: float,
 ) -> tuple[Floats, Solution, tuple[tuple[int, float], ...]]:
-    """The `order` thresholds whose loss costs least, and the errors of all orders above."""
+    """Return the `order` thresholds whose removal costs least, their solution, and the errors of
+    all larger orders."""
     normal = prior.add_to(found.normal, shape.rate, strength)
     low, _ = make_bounds(found.params, setup.limits)
     if setup.by_turns:

@@ -1,6 +1,6 @@
-"""Gauss-Newton on the equations of a fixed structure, every step a bounded least-squares solve.
+"""Fit the equations of a fixed structure by Gauss-Newton, each step a bounded least-squares solve.
 
-The slopes are linear but for the saturation's gradient, so a handful of steps is enough. A step
+The slopes are linear except for the gradient of the saturation, so a few steps are enough. A step
 that does not lower the misfit is shortened.
 """
 
@@ -20,8 +20,8 @@ Bounds = tuple[Floats, Floats]
 
 @dataclass(frozen=True)
 class Solution:
-    """params: where the fit ended; normal: the equations about it; free: (p,) unknowns that are
-    off their bounds; steps: Gauss-Newton steps taken."""
+    """params: the end of the fit; normal: the equations linearised about it; free: (p,) unknowns
+    that are off their bounds; steps: Gauss-Newton steps taken."""
 
     params: Params
     normal: Normal
@@ -35,7 +35,8 @@ class Solution:
 
 
 def make_start(count: int, shape: Shape, slope: float, groups: int) -> Params:
-    """All slopes equal, no saturation. count: operators; slope: displacement per drive."""
+    """Return parameters with equal slopes and no saturation. count: operators; slope: displacement
+    per drive."""
     return Params(
         np.full(count * (2 if shape.rate else 1), slope),
         np.zeros(len(shape.powers)),
@@ -47,9 +48,10 @@ def make_start(count: int, shape: Shape, slope: float, groups: int) -> Params:
 def make_bounds(
     params: Params, limits: tuple[float, float] | None, r: Floats | None = None, above: float = 0.0
 ) -> Bounds:
-    """(p,) lower and upper bounds: `limits` for the slopes, none for the rest. None: none at all.
+    """Return lower and upper bounds (p,): `limits` for the slopes, infinite for the rest; limits
+    None: no bounds.
 
-    r: (n,) thresholds, with above: operators narrower than that are not bounded.
+    r: (n,) thresholds; operators narrower than `above` are not bounded.
     """
     low = np.full(params.packed().size, -np.inf)
     high = np.full(low.size, np.inf)
@@ -72,8 +74,8 @@ def fit_shape(
     loose: bool = False,
     effort: tuple[int, float] = (12, 1e-6),
 ) -> Solution:
-    """Fit from `start`. loose: the prior leaves narrow operators alone; effort: steps at most, and
-    the relative fall of the misfit at which to stop."""
+    """Fit from `start`. loose: the prior is weakest on narrow operators; effort: maximum number of
+    steps, and the relative decrease of the misfit at which to stop."""
     steps, tolerance = effort
     low, high = bounds
     cost = np.zeros((start.slopes.size,) * 2)

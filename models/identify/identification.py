@@ -1,9 +1,9 @@
-"""Identification: recordings in, an invertible model out, with what it is worth.
+"""Identify an invertible model from recordings, and estimate its error.
 
-Structure first (dehyst.models.identify.structure, by hold-out on at most some thousand rows), then
-one fit of that structure to all rows (dehyst.models.identify.fit). The parameters of Eq. 6 of Qin
-et al. are all found from one recording; the weights are monotone over the identified rate range by
-their bounds.
+The structure is chosen first (dehyst.models.identify.structure, by hold-out on at most some
+thousand rows), then that structure is fitted to all rows (dehyst.models.identify.fit). All
+parameters of Eq. 6 of Qin et al. are found from one recording; their bounds keep the weights
+monotone over the identified rate range.
 """
 
 from collections.abc import Callable, Sequence
@@ -59,9 +59,9 @@ def identify_alone(
     options: Options,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Identification:
-    """One model from one or more recordings of the same stage, whatever other axes did.
+    """Identify one model from one or more recordings of the same stage, ignoring other axes.
 
-    Of very long recordings stretches are used. Raises BadRecording when the recordings cannot carry
+    Very long recordings are used in stretches. Raises BadRecording when the recordings cannot carry
     a model, in one sentence; BadInput when they do not belong together.
     """
     if not recordings:
@@ -74,7 +74,7 @@ def identify_alone(
     try:
         found = _identify(own, options, progress)
     except BadRecording:
-        require_ordinary_loop(own)  # says more of it than that nothing follows
+        require_ordinary_loop(own)  # gives a more specific reason than the general refusal
         raise
     return replace(
         found,
@@ -96,7 +96,7 @@ def _identify(
     agreed = start_agrees(setup, options.rate is not False)
     found = _search(setup if agreed else _leave_start(rows, options), options, progress)
     if options.rate is None and not found.fitted.shape.rate and setup.virgin:
-        # without the rate, which is not taken, the start may look otherwise
+        # the chosen model is static: a static fit may judge the start differently
         before, agreed = agreed, start_agrees(setup, False)
         if agreed != before:
             found = _search(setup if agreed else _leave_start(rows, options), options, progress)
@@ -117,13 +117,13 @@ def _identify(
 
 
 def _leave_start(rows: Sequence[Rows], options: Options) -> FitSetup:
-    """The setting without the rows that depend on the start."""
+    """Return the setup without the rows that depend on the start."""
     return set_up(rows, options.monotone, trust_start=False)
 
 
 @dataclass
 class _Found:
-    """What the search ends with."""
+    """The result of the search."""
 
     setup: FitSetup
     best: TriedStructure
@@ -143,13 +143,13 @@ class _Found:
         return self.best.lag
 
     def residuals(self) -> tuple[Floats, ...]:
-        """(N,) y - model of each recording."""
+        """Return y - model of each recording, (N,)."""
         f = self.fitted
         return f.setup.residuals(f.r, f.shape, f.params, self.offset, self.lag)
 
 
 def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) -> _Found:
-    """Structure, outliers, and the fit of all rows."""
+    """Choose the structure, remove outliers, and fit all rows."""
     notes = list(setup.notes)
     wanted = list_shapes(options.rate, options.saturation, options.bias)
     one_rate = _is_one_loop(setup.rows, setup.span)
@@ -176,7 +176,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         tried = search.run()
         best = search.choose(tried)
     require_following(setup, best.held_rms)
-    others: list[TriedStructure] = tried  # once a curve has turned over, none is tried again
+    others: list[TriedStructure] = tried  # after a curve has turned over, no other is tried
     while True:
         progress(f"fitting {best.shape.name} to all rows")
         fitted = fit_all(setup, best, search.r, options.order, others)
@@ -194,7 +194,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
             for c in tried
             if c.shape.rate == shape.rate and len(c.shape.powers) < len(shape.powers)
         ]
-        if not fewer:  # the user fixed the saturation: a straight line takes its place
+        if not fewer:  # the user fixed the saturation: use a straight line instead
             fewer = Search(setup, [Shape(shape.rate, (0,))], progress, not one_rate).run()
         best = choose_structure(fewer)
     if fitted.costly:
@@ -210,7 +210,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
 
 
 def _is_one_loop(rows: Sequence[Rows], span: float) -> bool:
-    """Whether all recordings together repeat one loop at one rate."""
+    """Return whether all recordings together repeat one loop at one rate."""
     known = [~np.isnan(one.u) for one in rows]
     return repeats_one_loop(
         [ways_of(one.t_s[k], one.u[k], span) for one, k in zip(rows, known, strict=True)]
@@ -218,7 +218,7 @@ def _is_one_loop(rows: Sequence[Rows], span: float) -> bool:
 
 
 def _left(best: TriedStructure, fitted: Fitted, picks: Sequence[Bools]) -> float:
-    """Rms of what is left of these rows."""
+    """Return the rms residual of the picked rows."""
     setup, shape = fitted.setup, fitted.shape
     errors = setup.residuals(fitted.r, shape, fitted.params, best.offset, best.lag)
     each = [error[pick] for error, pick in zip(errors, picks, strict=True)]
@@ -226,9 +226,11 @@ def _left(best: TriedStructure, fitted: Fitted, picks: Sequence[Bools]) -> float
 
 
 def _follow_drift(found: _Found) -> _Found:
-    """The same with the offset that the stage had at the end of its recording, where it drifts.
+    """Return the model with the offset that the stage had at the end of its recording, if it
+    drifts.
 
-    The next recording begins where this one ended. Of several recordings each has its own offset.
+    The next recording begins where this one ended. With several recordings, each has its own offset
+    and nothing is changed.
     """
     if len(found.setup.rows) != 1 or 0 not in found.fitted.shape.powers:
         return found
@@ -253,8 +255,8 @@ def _follow_drift(found: _Found) -> _Found:
 def _require_one_stage(
     found: _Found, residuals: Sequence[Floats], recordings: Sequence[Recording], options: Options
 ) -> str:
-    """Raise BadRecording where one of several recordings is predicted much better by its own model;
-    where it is a little better, what is to be said of it."""
+    """Raise BadRecording if one of several recordings is predicted much better by its own model; if
+    it is a little better, return a remark for the user."""
     setup, f = found.setup, found.fitted
     start = replace(f.scored, params=make_start(f.r.size, f.shape, setup.slope, 1))
     alone, together = [], []
@@ -276,7 +278,7 @@ def _require_one_stage(
 def _result(
     found: _Found, residuals: Sequence[Floats], recordings: Sequence[Recording]
 ) -> Identification:
-    """The model and its worth."""
+    """Return the model with its residuals, intervals and error estimates."""
     fitted, picks = found.fitted, found.setup.picks
     setup = fitted.setup
     jackknife = leave_stretches_out(
@@ -294,7 +296,7 @@ def _result(
     rates = setup.rates(fitted.r) if fitted.shape.rate else 0.0
     if setup.limits is not None and not is_invertible(
         model.hysteresis, setup.drive_min, setup.drive_max, rates
-    ):  # the bounds should see to it; a model that cannot be inverted must never be written
+    ):  # the bounds should ensure this; a model that cannot be inverted must never be written
         raise NotInvertible(
             f"{setup.rows[0].name}: no invertible model was found; fix a simpler one with "
             "--static --saturation 1"

@@ -1,4 +1,4 @@
-"""What identification is asked for, and what it gives."""
+"""The options and the result of an identification."""
 
 from dataclasses import dataclass, field
 
@@ -12,11 +12,11 @@ from dehyst.models.recording import Bools, Floats
 
 @dataclass(frozen=True)
 class Options:
-    """What the user fixed; None: chosen by hold-out.
+    """Options that the user fixed; None: chosen by hold-out.
 
-    order: play operators (1 to 200); rate: rate-dependent or static; saturation: degree of the
-    polynomial (1 to 9); bias: even powers allowed (True: demanded); monotone: False gives the
-    plain least-squares fit, which in general cannot be inverted (for comparison only).
+    order: number of play operators (1 to 200); rate: rate-dependent or static; saturation: degree
+    of the polynomial (1 to 9); bias: even powers allowed (True: required); monotone: False gives
+    the plain least-squares fit, which in general cannot be inverted (for comparison only).
     """
 
     order: int | None = None
@@ -34,7 +34,7 @@ class Options:
 
 @dataclass(frozen=True)
 class RecordingResidual:
-    """What the model leaves in one recording: rms, and the rms of its noise."""
+    """The residual of the model in one recording: its rms, and the rms of its noise."""
 
     name: str
     rms: float
@@ -43,13 +43,13 @@ class RecordingResidual:
 
 @dataclass(frozen=True)
 class Identification:
-    """The model and what it is worth.
+    """The identified model, its residuals and its uncertainty.
 
-    residuals: one (N,) array per recording, y - model, NaN where there is none; used: (N,) rows
-    that were fitted; shape, offset: the structure; params, errors: packed parameters and their
-    standard errors (0: on the bound); rates: (n,) at which the slopes are given and up to which
-    they are positive; tried, orders: what the hold-out compared; couplings: from
-    other axes, which the model has as blocks; notes: what a reader should know.
+    residuals: one (N,) array per recording, y - model, NaN where unknown; used: (N,) rows that were
+    fitted; shape: the structure; params, errors: packed parameters and their standard
+    errors (0: on the bound); rates: (n,) rates at which the slopes are given and up to which they
+    are positive; tried, orders: candidates that hold-out compared; couplings: from other axes,
+    which the model contains as blocks; notes: remarks for the user.
     """
 
     model: Model

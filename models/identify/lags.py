@@ -1,9 +1,9 @@
-"""Which linear dynamics, if any, a recording needs beside its hysteresis.
+"""Find which linear dynamics, if any, a recording needs in addition to its hysteresis.
 
-A lag changes every term of the model, so each trial makes its equations anew, on few operators and
-few rows. A shift by a part of a sample is sought with narrow operators free, as these tell it best;
-a lag of some length with all of them bounded, as a reading that runs on after the drive has turned
-is what a lag does and what free operators would imitate.
+A lag changes every term of the model, so each trial makes its equations again, with few operators
+and few rows. A shift by a fraction of a sample is searched with narrow operators free, because
+these show it best; a longer lag with all of them bounded, because free operators would imitate its
+effect: a reading that continues after the drive has turned.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,11 +22,11 @@ from dehyst.models.recording import Bools, Floats
 PLACES = ("drive", "sensor")
 GOLDEN = 0.381966
 DELAYS = (0.5, 1.5, 5.0, 15.0)  # sampling periods
-LAGS = (0.5, 3.0, 12.0, 40.0, 120.0, 360.0)
+LAGS = (0.5, 3.0, 12.0, 40.0, 120.0, 360.0)  # sampling periods
 
 
 class LagSearch:
-    """Fits with one piece of linear dynamics for a structure that is given."""
+    """Fits with one linear dynamics for a given structure."""
 
     def __init__(
         self, setup: FitSetup, picks: Sequence[Bools], r: Floats, candidate: TriedStructure
@@ -44,16 +44,17 @@ class LagSearch:
         self.period = float(np.median([one.period_s for one in setup.rows]))
 
     def find(self) -> TriedStructure | None:
-        """What the recording needs; None: nothing.
+        """Return the candidate with the dynamics that the recording needs; None: it needs none.
 
-        A part of a sample is reported by the fit alone; more must predict what it has not seen, and
-        clearly so: a little is also gained by a lag where the hysteresis is of another class than
-        the model's. It is the drive's, which the inverse makes up for, unless one of the sensor
-        predicts better by more than chance.
+        A shift by a fraction of a sample needs a gain in the fit alone; a longer lag must predict
+        held-out stretches clearly better, because a lag also gains a little where the hysteresis is
+        of another class than the model's. The lag is assigned to the drive, where the inverse
+        compensates it, unless a lag of the sensor predicts better by more than chance.
         """
         without = {loose: self._misfit(None, loose) for loose in (True, False)}
         delay = self._find_delay(without[True], without[True] * (1.0 - TUNING.trace))
-        # bounded, it must fit better than the free operators predict, and near to clearly so
+        # the bounded fit must beat the one without a lag, and be a third of the clear margin below
+        # the held-out error of the free operators
         known = float(self.candidate.held.sum())
         near = 1.0 - TUNING.minor / 3.0
         enough = min(without[False] * (1.0 - TUNING.trace), near * known)
@@ -81,9 +82,9 @@ class LagSearch:
         return shows(here, there)
 
     def _measure_jitter(self, scored: TriedStructure) -> float:
-        """How far readings lie from their times, as far as the fit tells [s]: the part of the
-        error from row to row that grows with the speed (what a wrong structure leaves is smooth).
-        Readings late by chance are late on average, too."""
+        """Return the timing jitter of the readings, as estimated from the fit [s]: from the part of
+        the error from row to row that grows with the speed (the error of a wrong structure is
+        smooth). If readings are late by chance, they are also late on average."""
         setup, (r, _) = self.setup, self.begin[False]
         error = setup.residuals(r, scored.shape, scored.params, scored.offset, scored.lag)
         powers, speeds = [], []
@@ -94,23 +95,24 @@ class LagSearch:
             powers.append(0.5 * np.diff(e[at])[keep] ** 2)
             speeds.append(speed[keep] ** 2)
         x, y = np.concatenate(speeds), np.concatenate(powers)
-        if not x.size:  # no two readings in a row, by which it would show
+        if not x.size:  # no two consecutive readings, which would show it
             return 0.0
         x = x - x.mean()
         return float(np.sqrt(max(0.0, float(x @ y) / max(float(x @ x), 1e-300))))
 
     def _score(self, lag: Dynamics) -> TriedStructure:
-        """The structure with this lag, as it predicts."""
+        """Score the structure with this lag by its prediction."""
         trial, shape = self._trial(lag, False), self.candidate.shape
         return trial.score(shape, TUNING.strengths[::2])
 
     def compare_sides(
         self, choose: Callable[[Dynamics], TriedStructure]
     ) -> tuple[TriedStructure, bool]:
-        """The chosen candidate's lag on the side that predicts better, each with the structure and
-        the time constant that suit it; and whether it does so by more than chance.
+        """Return the candidate with its lag on the side that predicts better, each side with its
+        own structure and time constant; and whether it is better by more than chance.
 
-        It is the drive's where the two are alike. choose: the structure beside some dynamics.
+        The lag is assigned to the drive if both sides predict equally. choose: returns the
+        structure for given dynamics.
         """
         given = self.candidate
         assert given.lag is not None
@@ -125,15 +127,15 @@ class LagSearch:
         drive, sensor = (min(group, key=lambda c: c.held_rms) for group in (of_drive, of_sensor))
         if predicts_better(sensor, drive):
             return sensor, True
-        # a delay is the same before the hysteresis and behind it
+        # a delay is the same before and after the hysteresis
         decided = drive.lag is not None and drive.lag.sided
         return drive, decided and predicts_better(drive, sensor)
 
     def _refine(
         self, lag: Dynamics, choose: Callable[[Dynamics], TriedStructure]
     ) -> TriedStructure:
-        """The structure chosen anew beside a lag, and the lag sought anew with it, in turn: what
-        was chosen without a lag stood in for it."""
+        """Alternately choose the structure for a lag and search the lag for that structure: a
+        structure that was chosen without a lag partly imitates it."""
         found = choose(lag)
         for _ in range(TUNING.rounds):
             (before,) = lag.theta
@@ -166,7 +168,8 @@ class LagSearch:
     def _misfit(
         self, lag: Dynamics | None, loose: bool, about: TriedStructure | None = None
     ) -> float:
-        """What is left with a lag. about: the structure and its parameters; None: the given."""
+        """Return the misfit with a lag. about: the structure and its parameters; None: the given
+        candidate."""
         c = about or self.candidate
         strength = TUNING.strengths[0] if loose else min(c.strength, TUNING.strengths[2])
         trial = self._trial(lag, loose, False, about)
@@ -217,8 +220,8 @@ def _search(
     enough: float = np.inf,
     known: dict[float, float] | None = None,
 ) -> float | None:
-    """Where the cost is least: the best of a grid, made finer between its neighbours; None where
-    the grid's best is not below `enough`. known: costs that need not be computed."""
+    """Return the minimum of the cost: the best of a grid, refined between its neighbours; None if
+    the best of the grid is not below `enough`. known: costs that need not be computed."""
     known = {} if known is None else known
     for v in grid:
         known[float(v)] = cost(float(v))
@@ -240,7 +243,7 @@ def _search(
 
 
 def _vertex(known: dict[float, float], left: float, middle: float, right: float) -> float:
-    """Where the parabola through three points has its vertex."""
+    """Return the vertex of the parabola through three points."""
     if left == middle or right == middle:
         return middle
     a, b = known[left] - known[middle], known[right] - known[middle]

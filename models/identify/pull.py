@@ -1,10 +1,10 @@
-"""What holds an invertible model to the shape that the data want, where it cannot follow them.
+"""Pull an invertible model towards the shape that the data call for if no invertible model has it.
 
-A stage may want what an invertible model cannot give: an output that runs back right after a
-reversal. The bounded fit would bend the rest of the model towards the recording at hand, and be
-worse on every other drive. So a fit without bounds on narrow operators goes first, and the
-invertible model is the one that is close to the data and, on a drive of all kinds
-(dehyst.models.identify.data.comparison_drive), to that first fit alike.
+The data may call for an output that moves backwards right after a reversal, which no invertible
+model gives. A bounded fit would bend the rest of the model towards this one recording and be worse
+on every other drive. So a fit without bounds on narrow operators comes first, and the invertible
+model is the one that is close both to the data and, on the comparison drive
+(dehyst.models.identify.data.comparison_drive), to that first fit.
 """
 
 from dataclasses import replace
@@ -21,7 +21,7 @@ from dehyst.models.recording import Floats
 
 
 def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: Params) -> Rows:
-    """The comparison drive with the displacements that these parameters give for it."""
+    """Return the comparison drive with the displacements that these parameters give for it."""
     rate_max = setup.rate_max if shape.rate else 0.0
     rows = make_comparison_drive(setup.drive_min, setup.drive_max, rate_max)
     alone = replace(setup, rows=[rows], picks=[rows.use])
@@ -36,7 +36,8 @@ def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: P
 
 
 def predict_lot(lot: Equations, shape: Shape, params: Params) -> Floats:
-    """(n,) what the parameters give for these equations, but for the recordings' shifts."""
+    """Return the prediction (n,) of the parameters for these equations, without the recordings'
+    shifts."""
     n = lot.d.shape[1]
     if shape.rate:
         up, down = params.slopes[:n], params.slopes[n:]
@@ -51,17 +52,17 @@ def predict_lot(lot: Equations, shape: Shape, params: Params) -> Floats:
 def weigh_pull(
     setup: FitSetup, pull: Rows, r: Floats, offset: float, rate: bool, weight: float
 ) -> list[Equations]:
-    """Equations of the pull, each of which counts so often."""
+    """Return the equations of the pull, each counted `weight` times."""
     alone = replace(setup, rows=[pull], picks=[pull.use])
     lots = alone.equations(alone.picks, r, offset, rate=rate)
     return [lot._replace(weight=weight) for lot in lots]
 
 
 def find_share(data: Normal, whole: Normal, pull: Normal, bounds: Bounds, most: float) -> float:
-    """How much the pull counts, against all rows: the most that keeps the data's misfit below
-    `most`, as linearised, and some in any case.
+    """Return the weight of the pull relative to all rows: the largest that keeps the linearised
+    misfit of the data below `most`, but at least 0.01.
 
-    data: normal equations of the rows; whole: the prior's with them; pull: its own.
+    data: normal equations of the rows; whole: these with the prior; pull: those of the pull.
     """
     low, high = bounds
     found, free = 0.01, None

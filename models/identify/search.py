@@ -1,5 +1,5 @@
-"""The search for a structure: saturation and rate first, then offset and linear dynamics where
-these show, all on few operators and few rows."""
+"""Search for a structure: saturation and rate first, then offset and linear dynamics if these show,
+all with few operators and few rows."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -21,7 +21,7 @@ from dehyst.models.recording import Bools
 
 
 class Search:
-    """Candidates for one setting; with_lags: linear dynamics are sought as well."""
+    """The candidates of one setup; with_lags: search for linear dynamics as well."""
 
     def __init__(
         self,
@@ -34,10 +34,10 @@ class Search:
         self.with_lags = with_lags
         self.r = space_thresholds(TUNING.coarse, setup.span, setup.wide)
         self.picks: list[Bools] = thin(setup.picks, TUNING.rows_compared)
-        self.untold: list[Dynamics] = []  # lags of the drive that may as well be the sensor's
+        self.untold: list[Dynamics] = []  # lags whose side, drive or sensor, is not determined
 
     def run(self) -> list[TriedStructure]:
-        """All candidates, the simple ones first."""
+        """Return all candidates, simple ones first."""
         tried: list[TriedStructure] = []
         for number, offset in enumerate(self.setup.offsets):
             shapes = self.wanted
@@ -57,7 +57,8 @@ class Search:
         lag: Dynamics | None,
         loose: bool | None = None,
     ) -> list[TriedStructure]:
-        """Every one of the shapes, linearised about the straight fit and then about the best."""
+        """Score each shape, linearised about the straight fit first and then about the best
+        shape."""
         if not shapes:
             return []
         shapes = [replace(s, free_offset=s.rate and self.setup.is_free(offset)) for s in shapes]
@@ -85,19 +86,19 @@ class Search:
         return out
 
     def _bests(self, tried: Sequence[TriedStructure]) -> list[TriedStructure]:
-        """The chosen static and the chosen rate-dependent one."""
+        """Return the chosen static and the chosen rate-dependent candidate."""
         groups = [[c for c in tried if c.shape.rate == rate] for rate in (False, True)]
         return [choose_structure(group) for group in groups if group]
 
     def choose(self, tried: Sequence[TriedStructure]) -> TriedStructure:
-        """The structure to take: rate-dependence only where it predicts ways of the drive that it
-        has not seen, as a rate and a place on one loop go together."""
+        """Return the chosen structure. Rate-dependence is chosen only if it predicts segments of
+        the drive that were held out, because on one loop rate and place are correlated."""
         bests = self._bests(tried)
         best = bests[0] if len(bests) == 1 else self._choose_rate(*bests)
         return self._drop_constant(self._choose_side(best))
 
     def _choose_side(self, best: TriedStructure) -> TriedStructure:
-        """The same with its lag on the side that predicts better."""
+        """Return the candidate with its lag on the side that predicts better."""
         if best.lag is None or best.lag.delay_s < 0.0:  # a lead
             return best
         same = [s for s in self.wanted if s.rate == best.shape.rate]
@@ -129,14 +130,15 @@ class Search:
         return rate if enough and self._is_no_place(static, rate) else static
 
     def _is_no_place(self, static: TriedStructure, rate: TriedStructure) -> bool:
-        """Whether the rate predicts more than as many unknowns of a static stage, whose slopes
-        depend on the place; it need not where it takes most of what is left without it."""
+        """Return whether the rate predicts more than a static stage with as many unknowns, whose
+        slopes depend on the place; also true if the rate removes a third or more of the static
+        misfit."""
         if rate.held.sum() < TUNING.most * static.held.sum():
             return True
         return pays(self._score_rival(static), rate)
 
     def _score_rival(self, static: TriedStructure) -> TriedStructure:
-        """The static structure with slopes that depend on the place."""
+        """Score the static structure with slopes that depend on the place."""
         shape = replace(static.shape, rate=True)
         both = static.params._replace(slopes=np.tile(static.params.slopes, 2))
         trial = PlaceTrial(self.setup, self.picks, self.r, static.offset, static.lag, static.loose)
@@ -144,20 +146,20 @@ class Search:
         return trial.score(shape, self.setup.strengths[::2])
 
     def _measure_noise(self, found: TriedStructure) -> float:
-        """Power of the noise in what this leaves."""
+        """Return the noise power in the residuals of a candidate."""
         errors = self.setup.residuals(self.r, found.shape, found.params, found.offset, found.lag)
         return float(np.nanmedian([estimate_noise(e) for e in errors])) ** 2
 
     def _drop_constant(self, best: TriedStructure) -> TriedStructure:
-        """The same without a constant where a de-energised stage shows none (Eq. 3 has none): what
-        is not there is not estimated."""
+        """Return the candidate without its constant if a de-energised stage shows none (Eq. 3 has
+        none): a parameter that is absent should not be estimated."""
         if not self.setup.virgin or 0 not in best.shape.powers:
             return best
         shape = replace(best.shape, powers=tuple(p for p in best.shape.powers if p))
         trial = Trial(self.setup, self.picks, self.r, best.offset, best.lag, best.loose)
         trial.linearise(best.params, best.shape, best.shape.powers)
         without = best
-        for loose in {best.loose, False}:  # the bounds may want one that the data do not
+        for loose in {best.loose, False}:  # the bounds may call for a constant that the data do not
             trial.loose = loose
             now, rest = (trial.score(s, (best.strength,)) for s in (best.shape, shape))
             if not rest.invertible or shows(rest, now, TUNING.trace) or pays(rest, now):
@@ -166,7 +168,7 @@ class Search:
         return without
 
     def _find_lags(self, tried: Sequence[TriedStructure]) -> list[TriedStructure]:
-        """Candidates with linear dynamics, where the rate alone has something to say."""
+        """Return candidates with linear dynamics, for recordings in which the rate varies."""
         out: list[TriedStructure] = []
         least = min(c.held_rms for c in tried)
         for best in self._bests(tried):
@@ -186,11 +188,11 @@ class Search:
         return out
 
     def _try_derivative(self, best: TriedStructure) -> list[TriedStructure]:
-        """Candidates whose rate is the derivative at the sample, as a stage in continuous time has
-        it, and not the difference to the sample before; none where one tells the recording clearly
-        worse.
+        """Return candidates whose rate is the derivative at the sample, as for a stage in
+        continuous time, instead of the difference from the sample before; none if such a candidate
+        fits the recording clearly worse.
 
-        That is a convention and no richer model: the one is taken that the evidence is for.
+        This is a convention and not a richer model, so the evidence decides.
         """
         period = float(np.median([one.period_s for one in self.setup.rows]))
         half = Dynamics(LEAD, "drive", (0.5 * period,))
@@ -206,7 +208,7 @@ class Search:
         return found if max(w.evidence for w in at_sample) > before.evidence else []
 
     def _weigh(self, found: TriedStructure, noise: float | None = None) -> ProbableStructure:
-        """The evidence for a candidate, linearised about itself."""
+        """Return the evidence for a candidate, linearised about itself."""
         trial = Trial(self.setup, self.picks, self.r, found.offset, found.lag, found.loose)
         trial.linearise(found.params, found.shape, found.shape.powers)
         trial.linearise(trial.refine(found), found.shape, found.shape.powers)
@@ -214,21 +216,22 @@ class Search:
 
 
 def _compare_beyond(noise: float, static: TriedStructure, rate: TriedStructure) -> float:
-    """Share of what the static one leaves beyond noise of this power, that the other leaves."""
+    """Return the rate-dependent misfit over the static misfit, both beyond noise of this power."""
     here, there = (float(c.held.sum() - noise * c.sizes.sum()) for c in (rate, static))
     return max(here, 0.0) / there if there > 0.0 else 1.0
 
 
 class PlaceTrial(Trial):
-    """Slopes that depend on where an operator stands, and not on the rate.
+    """Trial with slopes that depend on the place of an operator, not on the rate.
 
-    What a static hysteresis of another class leaves hangs together with place and with rate alike,
-    as a drive passes every place at a rate of its own. The rate has to predict more than as many
-    unknowns of a static stage do: a Preisach plane whose density changes along its diagonal.
+    The residual of a static hysteresis of another class correlates with place and with rate alike,
+    because a drive passes each place at a typical rate. The rate has to predict more than a static
+    stage with as many unknowns does: a Preisach plane whose density changes along its diagonal.
     """
 
     def gather(self, picks: Sequence[Bools]) -> list[Equations]:
-        """Equations of the picked rows, with the middle of H_i and H_i+1 in place of the rate."""
+        """Return the equations of the picked rows, with the middle of H_i and H_i+1 in place of the
+        rate."""
         setup = self.setup
         middle, half = setup.middle - setup.centre(self.offset), 0.5 * setup.span
         out = []

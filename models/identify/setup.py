@@ -1,7 +1,6 @@
-"""The common setting of all fits to some recordings: rows, ranges, sign, bounds.
+"""The setup shared by all fits to some recordings: rows, ranges, sign, bounds.
 
-From here come the equations, the model that some parameters stand for, and the
-residuals in every row.
+It makes the equations, the model that given parameters represent, and the residuals of every row.
 """
 
 from collections.abc import Sequence
@@ -38,11 +37,15 @@ from dehyst.models.recording import Bools, Floats
 
 @dataclass(frozen=True)
 class FitSetup:
-    """What all candidates share. picks: rows of each recording that stand as equations; sign: of
-    the displacement by the drive; limits: lowest and highest slope allowed or None; slope: the mean
-    slope; rate_max, acceleration_max: largest rate of the drive and largest change of it; period_s:
-    the longest sampling period; by_turns: after a turn a slope is bounded up to the rate that the
-    drive can have there, and not up to the largest rate of all."""
+    """The setup that all candidates share.
+
+    picks: rows of each recording that are used as equations; sign: of the displacement by the
+    drive; limits: lowest and highest slope allowed, or None; slope: the mean slope; rate_max,
+    acceleration_max: largest rate of the drive and largest change of the rate; period_s: the
+    longest sampling period; virgin: the recordings begin de-energised; folds: number of folds;
+    running: offset for a drive that comes from far away, or None; by_turns: after a turn, a slope
+    is bounded up to the rate that the drive can have there, not up to the largest rate.
+    """
 
     rows: Sequence[Rows]
     picks: Sequence[Bools]
@@ -62,9 +65,9 @@ class FitSetup:
 
     @property
     def offsets(self) -> tuple[float, ...]:
-        """Drive offsets worth trying for what the rate does: the de-energised state; where the
-        recording begins elsewhere the middle of the range as well, about which that offset is
-        fitted; where all depends on the start, that as if the drive had come from afar."""
+        """Drive offsets to try for the rate-dependence: the de-energised state; if the recording
+        begins elsewhere, also the middle of the range, about which the offset is fitted; if
+        everything depends on the start, also the offset of a drive that comes from far away."""
         if self.virgin:
             return (0.0,)
         reach = TUNING.far * self.span
@@ -73,30 +76,31 @@ class FitSetup:
 
     @property
     def wide(self) -> bool:
-        """Do operators wider than half the range move, so that thresholds go up to the range?"""
+        """Whether operators wider than half the range move, so that thresholds must reach the
+        range."""
         return self.virgin or self.running is not None
 
     @property
     def middle(self) -> float:
-        """Of the drive range."""
+        """The middle of the drive range."""
         return 0.5 * (self.drive_min + self.drive_max)
 
     def centre(self, offset: float) -> float:
-        """Drive offset of the plays: the middle of the range where they are settled, so that z is
-        small and its powers are well distinguished; else the offset itself."""
+        """Return the drive offset of the plays: the middle of the range if the plays are settled,
+        so that z is small and its powers are well distinguished; else the offset itself."""
         return offset if self.virgin or self.running is not None else self.middle
 
     def is_free(self, offset: float) -> bool:
-        """Is the offset of what the rate does fitted, about this one?"""
+        """Return whether the offset of the rate-dependence is fitted about this offset."""
         return not self.virgin and self.running is None and offset == self.middle
 
     @property
     def strengths(self) -> tuple[float, ...]:
-        """Strengths of the prior to try; strong ones alone where little of a loop is shown."""
+        """Strengths of the prior to try; only strong ones if little of a loop is recorded."""
         return TUNING.strengths if self.running is None else TUNING.strengths[-2:]
 
     def by_ways(self) -> "FitSetup":
-        """The same with whole ways of the drive, from turn to turn, held out."""
+        """Return the setup with whole segments of the drive, from turn to turn, held out."""
         rows = [replace(one) for one in self.rows]
         folds = assign_pieces(rows, self.picks, self.drive_min, self.drive_max, 1)
         return replace(self, rows=rows, folds=folds)
@@ -107,7 +111,7 @@ class FitSetup:
         return self.drive_max - self.drive_min
 
     def rates(self, r: Floats) -> Floats:
-        """(n,) largest rate up to which the slope after each operator is bounded."""
+        """Return the largest rate (n,) up to which the slope after each operator is bounded."""
         acceleration = self.acceleration_max if self.by_turns else None
         return find_rates(r, self.rate_max, acceleration, self.period_s)
 
@@ -119,7 +123,7 @@ class FitSetup:
         lag: Dynamics | None = None,
         rate: bool = True,
     ) -> list[Equations]:
-        """Equations of the picked rows, held in memory."""
+        """Return the equations of the picked rows, held in memory."""
         return gather_equations(
             make_equations(
                 self.rows,
@@ -134,12 +138,12 @@ class FitSetup:
         )
 
     def hysteresis(self, r: Floats, shape: Shape, params: Params, offset: float) -> Hysteresis:
-        """The model that the parameters stand for.
+        """Return the model that the parameters represent.
 
         Once the plays are settled, a drive offset that is smaller by x than their centre gives z +
-        x (p + q v), with p, q the slope of all operators together and its change by the rate. What
-        q does of that is in the equations, or, where the offset is free, g v / R in its place: x =
-        g / (R q). What p does is taken back by the saturation, S(z - x p).
+        x (p + q v); p is the slope of all operators together and q its change with the rate. The
+        equations contain the effect of q; if the offset is free, they contain g v / R instead, and
+        x = g / (R q). The saturation, S(z - x p), reverses the effect of p.
         """
         n = r.size
         if shape.rate:
@@ -155,7 +159,7 @@ class FitSetup:
         if shape.free_offset:
             far = TUNING.far * self.span
             g = float(params.lead[0]) / self.rate_max
-            if abs(g) > far * abs(q[-1]):  # hardly any offset would do: all of them together give
+            if abs(g) > far * abs(q[-1]):  # offset too far: raise q[-1]
                 q = q + (np.copysign(abs(g) / far, q[-1]) - q[-1]) * (r == r[-1])
             x = g / float(q[-1]) if g else 0.0
         if x:
@@ -170,7 +174,8 @@ class FitSetup:
         )
 
     def margin(self, r: Floats, shape: Shape, params: Params, offset: float) -> float:
-        """Least slope of the saturation over what the model can reach, relative to its mean."""
+        """Return the least slope of the saturation over the reach of the model, relative to its
+        mean."""
         h = self.hysteresis(r, shape, params, offset)
         return find_least_slope(
             h, self.drive_min, self.drive_max, self.rates(r) if shape.rate else 0.0
@@ -179,7 +184,7 @@ class FitSetup:
     def model(
         self, r: Floats, shape: Shape, params: Params, offset: float, lag: Dynamics | None = None
     ) -> Model:
-        """The model that is written, without what is known of its worth."""
+        """Return the model as it is written, without its error estimates."""
         return Model(
             self.hysteresis(r, shape, params, offset),
             Validity(self.drive_min, self.drive_max),
@@ -194,15 +199,15 @@ class FitSetup:
         offset: float,
         lag: Dynamics | None = None,
     ) -> tuple[Floats, ...]:
-        """y - model of each recording, (N,), NaN where there is no equation: the written model
-        itself, run. The shifts of the further recordings are taken off."""
+        """Return y - model of each recording, (N,), NaN where there is no equation. The written
+        model itself is run; the shifts of the further recordings are subtracted."""
         model = self.model(r, shape, params, offset, lag)
         out = []
         for one, shift in zip(self.rows, (0.0, *(self.sign * params.shifts)), strict=True):
             error = np.full(one.u.size, np.nan)
             resets = [*one.resets, one.u.size]
             whole = not np.isnan(one.u).any()
-            for start, stop in pairwise(resets):  # after a long gap the stage starts anew
+            for start, stop in pairwise(resets):  # after a long gap the stage's state is reset
                 at: slice | Ints = slice(start, stop)
                 if not whole:
                     at = start + np.flatnonzero(~np.isnan(one.u[start:stop]))
@@ -214,10 +219,10 @@ class FitSetup:
         return tuple(out)
 
     def without_outliers(self, residuals: Sequence[Floats]) -> tuple["FitSetup", int]:
-        """The same less the rows of lone wild readings, and how many these are.
+        """Return the setup without the rows of lone wild readings, and the number of these rows.
 
-        Wild is a reading whose residual stands far off its neighbours' while the displacement
-        itself jumps there and back. Misfit is none: there the model jumps, or neither does.
+        A reading is wild if its residual is far from those of its neighbours while the displacement
+        itself jumps there and back. Misfit is not wild: there the model jumps, or neither does.
         """
         picks, count = [], 0
         known = [measure_deviation(e) for e in residuals]
@@ -242,12 +247,13 @@ class FitSetup:
 
 
 def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> FitSetup:
-    """The setting that some recordings make.
+    """Make the setup of some recordings.
 
-    trust_start: a start that looks de-energised is taken as such; False, or where it does not:
-    rows that depend on the start are left out. Raises BadRecording when too few rows are left.
+    trust_start: accept a start that looks de-energised as such; if False, or if it does not look
+    so, rows that depend on the start are left out unless too few remain. Raises BadRecording when
+    there are too few usable rows.
     """
-    rows = [replace(one) for one in rows]  # their stretches are this setting's
+    rows = [replace(one) for one in rows]  # this setup writes its own stretches into them
     notes: list[str] = []
     low, high = find_drive_range(rows)
     rate_max = find_rate_range(rows)
@@ -306,29 +312,30 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
 
 
 def _memory_is_known(one: Rows, virgin: bool) -> Bools:
-    """(N,) rows that do not depend on an unknown memory. virgin: the start is known; behind a long
-    gap, where the drive may have been anywhere, nothing is."""
+    """Return the rows (N,) that do not depend on an unknown memory. virgin: the start is known.
+    After a long gap, in which the drive may have been anywhere, no memory is known."""
     first_gap = int(one.resets[1]) if one.resets.size > 1 else one.u.size
     return one.settled | ((np.arange(one.u.size) < first_gap) & virgin)
 
 
 def _find_running_offset(u: Floats, span: float) -> float:
-    """The offset about which every operator starts as if the drive had come from afar, the way
-    that it goes on at first."""
+    """Return the offset about which every operator starts as if the drive had come from far away,
+    in the direction in which it first continues."""
     known = u[~np.isnan(u)]
     away = known[np.argmax(np.abs(known - known[0]) > TUNING.small * span)] - known[0]
     return float(known[0] - np.sign(away) * span)
 
 
 def _find_far_outside(y: Floats) -> Bools:
-    """(N,) readings further outside the usual range than that range is wide; NaN is none."""
+    """Return the readings (N,) that lie outside the usual range by more than the width of that
+    range; NaN does not."""
     low, high = np.nanquantile(sample(y), [0.02, 0.98])
     with np.errstate(invalid="ignore"):
         return (y < low - (high - low)) | (y > high + (high - low))
 
 
 def _fit_mean_slope(u: Floats, y: Floats) -> float:
-    """Slope of a straight line through (u, y), in which wild values have no say."""
+    """Return the slope of a straight line through (u, y), fitted without wild values."""
     inner = ~_find_far_outside(y)
     u, y = u[inner], y[inner]
     du = u - u.mean()

@@ -1,4 +1,4 @@
-"""Identification of one axis beside others: the axis itself, and what the others bring to it."""
+"""Identify one axis of several: the axis itself, and its coupling from the others."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -21,7 +21,7 @@ from dehyst.models.recording import Floats, Recording
 
 
 def _keep_quiet(text: str) -> None:
-    """No progress wanted."""
+    """Ignore the progress."""
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -32,10 +32,10 @@ def identify(
 ) -> Identification:
     """Identify one model from one or more recordings of the same stage.
 
-    Channels that are other axes of the stage (`axis.y`) are kept in it as coupling where that pays
-    on held-out stretches; model and gains are fitted in turn. progress: called with a few words as
-    the work goes on. Raises BadRecording when the recordings cannot carry a model, in one sentence;
-    BadInput when they do not belong together.
+    Channels of other axes of the stage (`axis.y`) are kept in the model as coupling if that pays on
+    held-out stretches; model and gains are fitted alternately. progress: called with a short text
+    at each stage of the work. Raises BadRecording when the recordings cannot carry a model, in one
+    sentence; BadInput when they do not belong together.
     """
     options = options or Options()
     if not recordings or not find_other_axes(recordings):
@@ -67,19 +67,19 @@ def identify(
 
 
 def _displacement(one: Recording) -> Floats:
-    """NaN where there is none."""
+    """Return the displacement (N,), NaN if there is none."""
     empty = np.full(one.size, np.nan)
     return empty if one.displacement is None else one.displacement
 
 
 def _used(found: Identification) -> list[Floats]:
-    """What the model leaves, NaN where a row was not fitted."""
+    """Return the residuals of the model, NaN where a row was not fitted."""
     pairs = zip(found.residuals, found.used, strict=True)
     return [np.where(used, error, np.nan) for error, used in pairs]
 
 
 def _tell(one: Coupled, unit: str) -> str:
-    """A coupling in words."""
+    """Describe a coupling in words."""
     return (
         f"{one.channel} moves this axis by {one.gain:+.3g} {unit} per unit: it stays in the model "
         f"(held out, where it moves: {one.before:.3g} {unit} without, {one.after:.3g} with)"

@@ -1,14 +1,14 @@
-"""Whether a recording that looks as if the stage had been de-energised before it really is one.
+"""Check whether a recording that seems to begin with a de-energised stage really does.
 
-A drive that starts at zero may follow an hour of exercise. Taken for de-energised all the same, the
-stage would begin on the virgin curve, and the fit would bend every operator, and find lags, to make
-up for it. So the recording is fitted from several starts: de-energised, and as if the drive had
-come back to zero from half its range and from all of it. The stage was de-energised unless another
-start leaves clearly less.
+A drive that starts at zero may follow an hour of exercise. If such a stage were taken for
+de-energised, it would begin on the virgin curve, and the fit would bend every operator, and find
+lags, to compensate. So the recording is fitted from several starts: de-energised, and as if the
+drive had come back to zero from half its range and from all of it. The stage counts as de-energised
+unless another start leaves clearly less misfit.
 
-What depends on time would mislead: slow creep costs the virgin curve as much as a wrong start does,
-and a lag or a drift hides both. So every fit has a few columns for it beside the hysteresis:
-relaxations of the drive by groups of time constants, as lags and creep make them, and a slow drift.
+Effects of time would mislead: slow creep costs the virgin curve as much as a wrong start does, and
+a lag or a drift hides both. So every fit has a few additional columns for them: relaxations of the
+drive by groups of time constants, as in lags and creep, and a slow drift.
 """
 
 from collections.abc import Sequence
@@ -29,16 +29,16 @@ from dehyst.models.recording import Floats
 from dehyst.models.signals.filters import relaxed
 
 POWERS = (0, 2, 3)
-FAST = (0.5, 1.3, 3.2, 8.0)  # sampling periods: relaxations that stand for lags and leads
-SLOWEST = 3.0  # times the recording's length: the slowest of creep
-CREEPS = 3  # groups of relaxations that stand for creep
+FAST = (0.5, 1.3, 3.2, 8.0)  # sampling periods: time constants that represent lags and leads
+SLOWEST = 3.0  # times the recording's length: the slowest time constant of creep
+CREEPS = 3  # groups of relaxations that represent creep
 DRIFT = (1, 2, 3)  # powers of time
 
 
 def start_agrees(setup: FitSetup, rate: bool) -> bool:
-    """Does no other start tell the recording clearly better than the de-energised one?
+    """Return whether no other start fits the recording clearly better than the de-energised one.
 
-    rate: the weights may depend on the rate. True where no start is assumed.
+    rate: the weights may depend on the rate. True if no de-energised start is assumed.
     """
     if not setup.virgin:
         return True
@@ -51,18 +51,20 @@ def start_agrees(setup: FitSetup, rate: bool) -> bool:
     beyond = left - _estimate_noise_power(begun)
     enough = left - max(TUNING.quarter * beyond, TUNING.small * left)
     ways = [way for way in (setup.drive_max, setup.drive_min) if abs(way) > 0.5 * setup.span]
+    # half and all of the excursion to that end: a return to zero leaves displaced only operators
+    # narrower than the excursion, so the two cover a partial and a full exercise
     return all(fit.misfit(m * way) >= enough for m in (0.5, 1.0) for way in ways)
 
 
 def _estimate_noise_power(setup: FitSetup) -> float:
-    """Sum of the squares of the readings' noise over the picked rows."""
+    """Return the sum of squares of the readings' noise over the picked rows."""
     noises = [estimate_noise(one.y - setup.sign * setup.slope * one.u) for one in setup.rows]
     counts = [int(np.count_nonzero(pick)) for pick in setup.picks]
     return sum(n * e**2 for n, e in zip(counts, noises, strict=True) if np.isfinite(e))
 
 
 class _StartFit:
-    """Fits of the hysteresis with what depends on time beside it, from any start."""
+    """Fits of the hysteresis together with effects of time, from any start."""
 
     def __init__(self, setup: FitSetup, shape: Shape) -> None:
         self._setup, self._shape = setup, shape
@@ -73,7 +75,7 @@ class _StartFit:
         self._low = np.r_[-np.inf, np.zeros(CREEPS), np.full(len(DRIFT), -np.inf)]
 
     def misfit(self, came_from: float) -> float:
-        """Sum of the squares that are left where the drive came from there back to zero."""
+        """Return the sum of squared errors if the drive came back from there to zero."""
         rows = [replace(one, came_from=came_from) for one in self._setup.rows]
         setup = replace(self._setup, rows=rows)
         lots = setup.equations(setup.picks, self._r, 0.0, rate=self._shape.rate)
@@ -86,7 +88,7 @@ class _StartFit:
     def _solve(
         self, lots: Sequence[Equations], shape: Shape, about: Params
     ) -> tuple[Params, float]:
-        """Parameters of the equations linearised about some, and what these leave."""
+        """Return the parameters of the equations linearised about others, and their misfit."""
         more = self._beside.shape[1]
         p0 = np.concatenate([about.packed(), np.zeros(more)])
         gram, right, misfit, at = np.zeros((p0.size, p0.size)), np.zeros(p0.size), 0.0, 0
@@ -109,7 +111,7 @@ class _StartFit:
 
 
 def _cut(one: Rows, size: int) -> Rows:
-    """The first rows of a recording."""
+    """Return the first rows of a recording."""
     if one.u.size <= size:
         return one
     names = ("t_s", "u", "rate", "y", "use", "settled", "piece")
@@ -118,8 +120,8 @@ def _cut(one: Rows, size: int) -> Rows:
 
 
 def _describe_time(one: Rows) -> Floats:
-    """(N, columns) what a lag, creep and a slow drift could add, in units of the drive; 0 where
-    the drive is unknown."""
+    """Return the contributions (N, columns) of a lag, creep and a slow drift, in units of the
+    drive; 0 where the drive is unknown."""
     known = np.flatnonzero(~np.isnan(one.u))
     t, u = one.t_s[known], one.u[known]
     fresh = np.isin(known, one.resets)

@@ -1,8 +1,8 @@
-"""Which structure the data support: static or rate-dependent, which saturation, how strong a prior.
+"""Choose the structure that the data support: static or rate-dependent, saturation, prior strength.
 
-All candidates are scored from the same normal equations, linearised once, stretch by stretch
+All candidates are scored from the same normal equations, linearised once per stretch
 (dehyst.models.identify.data.folds): each is fitted without a stretch and predicts it. A richer
-structure is taken only where what it gains over the stretches is more than chance, paired.
+structure is chosen only if its gain over the stretches, paired, is more than chance.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ FULL = ((0, 2), (0, 2, 3), (0, 2, 3, 4), (0, 2, 3, 4, 5))
 
 
 def list_shapes(rate: bool | None, saturation: int | None, bias: bool | None) -> list[Shape]:
-    """The structures to try, simple ones first, within what the user fixed."""
+    """Return the structures to try, simple ones first, within what the user fixed."""
     powers: list[tuple[int, ...]] = []
     if bias is not True:
         powers += list(ODD)
@@ -51,10 +51,13 @@ def list_shapes(rate: bool | None, saturation: int | None, bias: bool | None) ->
 
 @dataclass(frozen=True)
 class TriedStructure:
-    """One structure tried. held: (pieces,) misfit of each stretch predicted without it, over sizes:
-    (pieces,) its rows; fitted: the same fitted to all;
-    strength: of the prior; params: fitted to all stretches; lag: linear dynamics; loose: narrow
-    operators were free; superseded: the fit shows a shift in time that this one lacks;"""
+    """One candidate structure and its scores.
+
+    held: (pieces,) misfit of each stretch, predicted without it, over sizes: (pieces,) its rows;
+    fitted: (pieces,) misfit of each stretch in the fit to all; strength: of the prior; params:
+    fitted to all stretches; lag: linear dynamics; loose: narrow operators were not bounded;
+    superseded: the fit shows a shift in time that this candidate lacks.
+    """
 
     shape: Shape
     offset: float
@@ -70,20 +73,20 @@ class TriedStructure:
 
     @property
     def held_rms(self) -> float:
-        """Over all stretches."""
+        """Held-out rms error over all stretches."""
         return float(np.sqrt(self.held.sum() / max(1.0, self.sizes.sum())))
 
     @property
     def size(self) -> int:
-        """How much it has beyond the simplest."""
+        """Complexity beyond the simplest structure."""
         shape = self.shape
         base = len(shape.powers) + shape.even + 3 * shape.rate + shape.free_offset
         return base + 2 * (self.lag is not None)
 
 
 def pays(simple: TriedStructure, rich: TriedStructure, clear: float = TUNING.most) -> bool:
-    """Does the richer one predict better, by more than chance over the stretches? clear: the share
-    of the misfit below which chance is not asked."""
+    """Return whether the richer candidate predicts better, by more than chance over the stretches.
+    clear: fraction of the misfit below which no test against chance is made."""
     if rich.held.sum() > simple.held.sum() * (1.0 - TUNING.crumb):
         return False
     if rich.held.sum() < simple.held.sum() * clear:
@@ -92,7 +95,7 @@ def pays(simple: TriedStructure, rich: TriedStructure, clear: float = TUNING.mos
 
 
 def predicts_better(one: TriedStructure, other: TriedStructure) -> bool:
-    """Does this one predict better than the other by more than chance over the stretches?"""
+    """Return whether `one` predicts better than `other`, by more than chance over the stretches."""
     used = (other.sizes > 0) & (other.held > 0.0) & (one.held > 0.0)
     if not used.any():
         return bool(one.held.sum() < other.held.sum())
@@ -102,14 +105,14 @@ def predicts_better(one: TriedStructure, other: TriedStructure) -> bool:
 
 
 def shows(simple: TriedStructure, rich: TriedStructure, least: float = TUNING.trace) -> bool:
-    """Does the richer one, of few unknowns more, fit better by more than chance over the pieces?
-    least: share of the misfit that it must take away."""
+    """Return whether the richer candidate, with few more unknowns, fits better by more than chance
+    over the pieces. least: fraction of the misfit that it must remove."""
     gain = simple.fitted - rich.fitted
     return bool(gain.sum() > least * simple.fitted.sum()) and _is_sure(gain)
 
 
 def _is_sure(gain: Floats) -> bool:
-    """Is the mean of these gains above zero by more than chance?"""
+    """Return whether the mean of these gains is above zero by more than chance."""
     if gain.size < 2:
         return bool(gain.sum() > 0.0)
     error = float(np.std(gain, ddof=1)) / np.sqrt(gain.size)
@@ -117,16 +120,16 @@ def _is_sure(gain: Floats) -> bool:
 
 
 def _extends(simple: TriedStructure, rich: TriedStructure) -> bool:
-    """Has the richer one all powers of the other, and do the further ones show?"""
+    """Return whether the richer candidate has all powers of the other and its further ones show."""
     nested = set(simple.shape.powers) <= set(rich.shape.powers)
     return nested and shows(simple, rich, TUNING.trace)
 
 
 def choose_structure(tried: Sequence[TriedStructure]) -> TriedStructure:
-    """The simplest candidate that can be inverted against which no richer one pays.
+    """Return the simplest invertible candidate that no richer one beats in prediction.
 
-    Of one kind (rate, offset, lag) first, where they differ in a few powers of z: there what shows
-    in the fit counts as well, unless held-out stretches speak against it. Then of the kinds.
+    First among candidates of one kind (rate, offset, lag), which differ in a few powers of z: there
+    a gain in the fit counts as well, unless held-out stretches contradict it. Then among the kinds.
     """
     known = [c for c in tried if c.invertible and not c.superseded] or list(tried[:1])
     kinds: dict[tuple[bool, float, Dynamics | None, bool], list[TriedStructure]] = {}
@@ -139,7 +142,8 @@ def choose_structure(tried: Sequence[TriedStructure]) -> TriedStructure:
 
 
 def _climb(group: Sequence[TriedStructure]) -> TriedStructure:
-    """From the simplest to richer ones, as long as one pays, or shows with powers beside these."""
+    """Move from the simplest candidate to a richer one while one pays, or shows with more
+    powers."""
     now = group[0]
     while True:
         richer = [
@@ -166,9 +170,9 @@ class Trial:
         loose: bool | None = None,
         split: bool = True,
     ) -> None:
-        """split: into stretches, of which some can be held out."""
+        """split: sort the equations into stretches, of which some can be held out."""
         self.setup, self.r, self.offset, self.lag = setup, r, offset, lag
-        # narrow operators may at first run the wrong way
+        # leave narrow operators unbounded at first, as their slopes may be negative
         self.loose = (lag is None or lag.short) if loose is None else loose
         self.prior = Prior(r, setup.slope, 0.5 * setup.span)
         equations = self.gather(picks)
@@ -180,11 +184,11 @@ class Trial:
         self.like = make_start(0, self.shape, 1.0, 1)
 
     def gather(self, picks: Sequence[Bools]) -> list[Equations]:
-        """Equations of the picked rows."""
+        """Return the equations of the picked rows."""
         return self.setup.equations(picks, self.r, self.offset, self.lag)
 
     def linearise(self, params: Params, shape: Shape, powers: tuple[int, ...]) -> None:
-        """Normal equations of every stretch about these parameters, with all of `powers`."""
+        """Make the normal equations of each stretch about these parameters, for all `powers`."""
         known = dict(zip(shape.powers, params.c, strict=True))
         self.shape = replace(shape, powers=powers)
         self.like = params._replace(c=np.array([known.get(p, 0.0) for p in powers]))
@@ -197,9 +201,10 @@ class Trial:
         strengths: Sequence[float],
         judged: Sequence[Normal] | None = None,
     ) -> TriedStructure:
-        """A structure by what it predicts, at the best of these strengths of the prior.
+        """Score a structure by its prediction, at the best of these strengths of the prior.
 
-        judged: normal equations of what is to be predicted of each stretch; None: all of it.
+        judged: normal equations of the part of each stretch that is to be predicted; None: all of
+        it.
         """
         loose = self.loose
         at = self._find(shape)
@@ -243,13 +248,13 @@ class Trial:
         )
 
     def bound(self, shape: Shape) -> tuple[Floats, Floats]:
-        """Bounds of a structure's unknowns."""
+        """Return the bounds of a structure's unknowns."""
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
         narrow = TUNING.crumb * self.setup.span if self.loose else 0.0
         return make_bounds(like, self.setup.limits, self.r, narrow)
 
     def refine(self, found: TriedStructure) -> Params:
-        """The candidate's parameters after a few more steps, about themselves."""
+        """Return the candidate's parameters after a few more steps, linearised about themselves."""
         bounds = make_bounds(
             found.params, self.setup.limits, self.r, TUNING.crumb * self.setup.span * self.loose
         )
@@ -265,7 +270,8 @@ class Trial:
         ).params
 
     def misfit(self, shape: Shape, strength: float, noise: float, loose: bool) -> float:
-        """Misfit of a structure fitted to all stretches, as linearised. noise: its power."""
+        """Return the misfit of a structure fitted to all stretches, as linearised. noise: noise
+        power."""
         total = self.total(shape)
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
         narrow = TUNING.crumb * self.setup.span if loose else 0.0
@@ -275,11 +281,11 @@ class Trial:
         return total.misfit_at(p)
 
     def total(self, shape: Shape) -> Normal:
-        """Normal equations of all stretches for a structure's unknowns."""
+        """Return the normal equations of all stretches for a structure's unknowns."""
         return _reduce(_sum(self.folded), self._find(shape))
 
     def _find(self, shape: Shape) -> Ints:
-        """(some,) places of a structure's unknowns among those of the whole."""
+        """Return the positions (some,) of a structure's unknowns among those of the whole."""
         slopes, powers = self.like.slopes.size, self.shape.powers
         known = [slopes + powers.index(p) for p in shape.powers]
         rest = np.arange(slopes + len(powers), self.like.packed().size)

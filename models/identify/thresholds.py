@@ -1,10 +1,9 @@
-"""Thresholds of the play operators, what is taken for granted about the slopes between them, and
-how to do with fewer.
+"""Thresholds of the play operators, the prior on the slopes between them, and their reduction.
 
-Dropping threshold j ties slope j to slope j - 1: their columns in the normal equations add up.
-So every smaller model's fit and its error on held-out rows follow from the two Gram matrices of
-the finest grid, without touching the data again. The tie that costs least goes first; two
-thresholds closer than a sample's step cost nothing and merge at once.
+Dropping threshold j ties slope j to slope j - 1: their columns in the normal equations add up. So
+the fit of every smaller model, and its error on held-out rows, follow from the two Gram matrices of
+the finest grid without using the data again. The tie that costs least is made first; two thresholds
+closer than the step of a sample cost nothing and merge immediately.
 """
 
 from dataclasses import dataclass
@@ -18,10 +17,12 @@ from dehyst.models.recording import Floats
 
 
 def space_thresholds(n: int, drive_span: float, whole: bool = False, power: float = 3.0) -> Floats:
-    """(n,) thresholds from 0 to below half the span, fine where small (Eq. 10 with its power).
+    """Return thresholds (n,) from 0 to below half the span, closest together where small (Eq. 10
+    with its power).
 
-    Of many the first lies no lower than that of TUNING.fine: data cannot tell closer ones.
-    whole: some of them up to the span; on the virgin curve operators as wide as that still move.
+    If n is large, the first above zero is no lower than that of TUNING.fine, because data cannot
+    distinguish closer ones. whole: place some of them up to the span; on the virgin curve operators
+    that wide still move.
     """
     wide = max(1, int(TUNING.minor * n)) if whole and n > 4 else 0
     n -= wide
@@ -33,9 +34,9 @@ def space_thresholds(n: int, drive_span: float, whole: bool = False, power: floa
 def regrid(
     params: Params, coarse: Floats, fine: Floats, shape: Shape, shares: Floats | float = 1.0
 ) -> Params:
-    """The same slopes on other thresholds: each takes those of the next wider-set one below.
+    """Return the same slopes on other thresholds: each takes those of the next lower coarse one.
 
-    shares: of the rates at which the slopes are given, those at which they are wanted.
+    shares: the rates at which the slopes are wanted, over those at which they are given.
     """
     at = np.searchsorted(coarse, fine, side="right") - 1
     if not shape.rate:
@@ -45,16 +46,17 @@ def regrid(
 
 
 def change_rates(slopes: Floats, shares: Floats | float) -> Floats:
-    """(2n,) the same slopes, alpha then beta, at these shares of the rates: they are linear in the
-    rate."""
+    """Return the same slopes (2n,), alpha then beta, at these fractions of the rates; slopes are
+    linear in the rate."""
     alpha, beta = np.split(slopes, 2)
     p, q = 0.5 * (alpha + beta), 0.5 * (alpha - beta) * shares
     return np.concatenate([p + q, p - q])
 
 
 def at_one_rate(eq: Normal, shares: Floats) -> Normal:
-    """Normal equations whose slopes are given at these shares of one rate, for slopes at that rate
-    itself: there neighbours that are alike have one slope, whatever the rate."""
+    """Transform normal equations whose slopes are given at these fractions of one rate into those
+    for slopes at that rate itself, at which similar neighbours have one slope whatever their rates.
+    """
     turn = np.eye(eq.right.size)
     size = 2 * shares.size
     columns = [change_rates(one, shares) for one in np.eye(size)]
@@ -64,13 +66,13 @@ def at_one_rate(eq: Normal, shares: Floats) -> Normal:
 
 @dataclass(frozen=True)
 class Prior:
-    """Neighbouring slopes differ by chance, by about the mean slope over all thresholds on a scale
-    of their cube root; and less so in what the rate adds, which is itself small by chance.
+    """Prior on the slopes: neighbours differ at random, by about the mean slope over all thresholds
+    on a scale of their cube root. Their rate-dependence differs less, and is itself small.
 
-    The strength is chosen by what predicts held-out rows; operators wider than half the range,
-    which move once at most, are given little freedom in any case. r: (n,) thresholds; slope: mean
-    slope; half: half the drive's range; rate_share: strength of the prior on what the rate does,
-    against that on the slopes.
+    The strength is chosen by the prediction of held-out rows; operators wider than half the range,
+    which move once at most, get little freedom at any strength. r: (n,) thresholds; slope: mean
+    slope; half: half the drive range; rate_share: strength of the prior on the rate-dependence over
+    that on the slopes.
     """
 
     r: Floats
@@ -79,9 +81,11 @@ class Prior:
     rate_share: float = TUNING.strengths[0]
 
     def gram(self, rate: bool, strength: float, loose: bool) -> Floats:
-        """(s, s) what the prior adds to the Gram matrix of the slopes, per power of the noise.
+        """Return the addition (s, s) of the prior to the Gram matrix of the slopes, per unit of
+        noise power.
 
-        loose: narrow operators are left alone, as what happens right after a turn may be abrupt.
+        loose: narrow operators are left nearly free, because the response right after a turn may be
+        abrupt.
         """
         n = self.r.size
         if n < 2:
@@ -105,8 +109,8 @@ class Prior:
     def add_to(
         self, eq: Normal, rate: bool, strength: float, noise: float = 0.0, loose: bool = False
     ) -> Normal:
-        """The normal equations with the prior's own. noise: power of the noise, or 0: the
-        misfit's."""
+        """Return the normal equations with those of the prior. noise: noise power, or 0: use the
+        misfit."""
         if eq.count == 0 or strength == 0.0:
             return eq
         part = self.gram(rate, strength, loose) * (noise or eq.misfit / eq.count)
@@ -118,7 +122,7 @@ class Prior:
 @dataclass(frozen=True)
 class Grid:
     """One stage of the elimination: kept: (n,) indices into the finest grid; p: the unknowns;
-    train, held: misfits (sums of squares) on the fitted and on the held-out rows."""
+    train, held: misfits (sums of squares) on the fitted and the held-out rows."""
 
     kept: tuple[int, ...]
     p: Floats
@@ -127,7 +131,8 @@ class Grid:
 
 
 def find_starts(kept: tuple[int, ...], finest: int, rate: bool, rest: int) -> Ints:
-    """(reduced,) first of the finest grid's unknowns that each unknown of a reduced model ties."""
+    """Return the first (reduced,) of the finest grid's unknowns that each unknown of a reduced
+    model ties."""
     first = np.array(kept, dtype=np.int64)
     slopes = np.concatenate([first, first + finest]) if rate else first
     return np.concatenate([slopes, finest * (2 if rate else 1) + np.arange(rest)])
@@ -136,7 +141,7 @@ def find_starts(kept: tuple[int, ...], finest: int, rate: bool, rest: int) -> In
 def eliminate(
     train: Normal, held: Normal, low: Floats, finest: int, rate: bool, least: int = 1
 ) -> list[Grid]:
-    """Grids of all sizes from `finest` down to `least`.
+    """Return grids of all sizes from `finest` down to `least`.
 
     train, held: normal equations on the finest grid about the same parameters; low: (p,) bounds.
     """
@@ -159,9 +164,10 @@ def eliminate(
 
 
 def _find_cheapest(gram: Floats, p: Floats, n: int, rate: bool) -> int:
-    """The threshold (never the first) whose tie to its lower neighbour costs the least misfit.
+    """Return the threshold (never the first) whose tie to its lower neighbour costs the least
+    misfit.
 
-    Bounds are left aside here: only the order of removal depends on it, not the fit.
+    Bounds are ignored here: only the order of removal depends on this, not the fit.
     """
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     g = gram / np.outer(scale, scale)

@@ -1,4 +1,4 @@
-"""How much of a residual is noise, how wide a band a drive has, and honest parameter intervals."""
+"""Estimate the noise in a residual, the bandwidth of a drive, and the parameters' intervals."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
@@ -18,24 +18,26 @@ from dehyst.models.identify.equations import (
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
 
-LONG, PARTS = 1_000_000, 20  # of a longer residual, rows that tell the noise, and in how many parts
+LONG, PARTS = 1_000_000, 20  # rows used of a longer residual, and their number of parts
 LARGEST_LEVERAGE = 0.99
-"""Where one stretch alone tells a parameter, what is left without it is taken for so little."""
+"""Upper limit of the leverage of one stretch: 1 - leverage stays positive if one stretch alone
+determines a parameter."""
 
 
 def estimate_noise(residual: Floats) -> float:
-    """Rms of the part of a residual that changes from sample to sample (white noise: all of it).
+    """Return the rms of the part of a residual that changes from sample to sample (white noise: all
+    of it).
 
     residual: (N,), NaN where unknown. From second differences, var(e[i-1] - 2 e[i] + e[i+1]) = 6
-    var(e) for white noise, with the median so that lone outliers do not count. Noise that a
-    filter has made smooth is underestimated; NaN when fewer than ten triples are known.
+    var(e) for white noise, by the median, so that lone outliers do not count. Noise that a filter
+    has smoothed is underestimated; NaN when fewer than ten triples are known.
     """
-    if residual.size > LONG:  # parts of it tell as much
+    if residual.size > LONG:  # parts of it are sufficient
         parts = np.array_split(residual, PARTS)
         residual = np.concatenate([part[: LONG // PARTS] for part in parts])
     second = np.diff(residual, 2)
     second = second[~np.isnan(second)]
-    if second.size < 10:  # a slow sensor: from reading to reading
+    if second.size < 10:  # a slow sensor: use differences of successive readings
         second = np.diff(residual[~np.isnan(residual)], 2)
     if second.size < 10:
         return float("nan")
@@ -43,7 +45,8 @@ def estimate_noise(residual: Floats) -> float:
 
 
 def measure_band_hz(u: Floats, period_s: float, share: float = 0.999) -> float | None:
-    """Frequency below which `share` of the drive's power lies [Hz]; gaps are joined for this."""
+    """Return the frequency below which `share` of the power of the drive lies [Hz]; gaps are closed
+    for this."""
     known = u[~np.isnan(u)]
     if known.size < 16:
         return None
@@ -57,8 +60,8 @@ def measure_band_hz(u: Floats, period_s: float, share: float = 0.999) -> float |
 
 class Jackknife(NamedTuple):
     """covariance: (p, p) of the free parameters, zero for those on their bound; by_noise: (p, p)
-    of it what white noise of variance 1 makes; left_out: (n,) y - model in each equation, by the
-    parameters fitted without its stretch of time."""
+    their covariance due to white noise of variance 1; left_out: (n,) y - model of each equation,
+    with the parameters fitted without its stretch of time."""
 
     covariance: Floats
     by_noise: Floats
@@ -68,13 +71,15 @@ class Jackknife(NamedTuple):
 def leave_stretches_out(
     equations: Sequence[Equations], shape: Shape, params: Params, free: Bools, whole: Normal
 ) -> Jackknife:
-    """The parameters' covariance and out-of-sample errors, by leaving out stretches of time.
+    """Return the covariance and out-of-sample errors of the parameters, by leaving out stretches of
+    time.
 
-    The delete-one-stretch jackknife in its one-step Gauss-Newton form (B. Efron, C. Stein, Ann.
-    Stat. 9, 1981): residuals that hang together in time, noise or misfit, widen the intervals as
-    they should; the formula for white noise would make them too narrow. So does one without the
-    leverage of a stretch, where a parameter rests on a few of them.
-    equations: the lots; whole: the normal equations that were solved, the prior's with them.
+    This is the delete-one-stretch jackknife in its one-step Gauss-Newton form (B. Efron, C. Stein,
+    Ann. Stat. 9, 1981): residuals that are correlated in time, noise or misfit, widen the intervals
+    as they should; the formula for white noise would make them too narrow. So would a jackknife
+    without the leverage of a stretch, if a parameter depends on few stretches.
+
+    equations: the lots; whole: the normal equations that were solved, including the prior.
     """
     measured = [lot for lot in equations if lot.weight == 1.0]
     total = sum(lot.y.size for lot in measured)
@@ -97,7 +102,7 @@ def leave_stretches_out(
     out, by_noise = np.zeros((size, size)), np.zeros((size, size))
     by_noise[here] = white @ white.T
     count = len(moves)
-    # 1.96 standard errors are to be a 95 % interval, of so few stretches Student's
+    # Student's factor for few stretches: 1.96 standard errors are then a 95 % interval
     few = (stdtrit(max(count - 1, 1), 0.975) / 1.96) ** 2
     out[here] = few * (count - 1) / max(count, 1) * (np.transpose(moves) @ np.array(moves))
     return Jackknife(out, by_noise, np.concatenate(left_out))
@@ -106,7 +111,7 @@ def leave_stretches_out(
 def _list_stretches(
     equations: Iterable[Equations], shape: Shape, params: Params, stretch: int
 ) -> Iterator[tuple[Floats, Floats]]:
-    """J (n, p) and e (n,) of each stretch of so many equations; the last may be shorter."""
+    """Yield J (n, p) and e (n,) of each stretch of this many equations; the last may be shorter."""
     jacs, errs, filled = [], [], 0
     for lot in equations:
         jac, err = linearise(lot, shape, params)
@@ -125,9 +130,9 @@ def _list_stretches(
 
 
 def move_saturation(covariance: Floats, powers: Sequence[int], shift: float) -> Floats:
-    """(n,) standard errors of the coefficients of these powers in S(z - shift).
+    """Return the standard errors (n,) of the coefficients of these powers in S(z - shift).
 
-    covariance: (n, n) of those in S(z). What is not known of the shift itself is left aside.
+    covariance: (n, n) of those in S(z). The uncertainty of the shift itself is ignored.
     """
     moved = np.zeros((len(powers), len(powers)))
     for j, power in enumerate(powers):

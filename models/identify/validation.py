@@ -1,8 +1,8 @@
-"""How well a model predicts a recording that it has not seen, and what is left.
+"""Measure how well a model predicts a recording that it has not seen, and describe the residual.
 
-A recording may begin anywhere in a stage's life, and a sensor may have been zeroed since: of the
-histories that a stage can have (de-energised, come from above, come from below) the one that fits
-is taken, and the mean of what is left is distinguished as the offset.
+A recording may begin at any time in the life of a stage, and the sensor may have been zeroed since:
+of the possible histories (de-energised, come from above, come from below) the one that fits best is
+used, and the mean of the residual is reported separately as the offset.
 """
 
 from dataclasses import dataclass
@@ -17,27 +17,31 @@ from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording
 from dehyst.models.signals.pace import measure_pace
 
-LAGS = 40  # rows over which what is left is compared with itself and with the drive
-COVERED, ENOUGH = 0.9, 0.5
-CLAIM = 1.5  # times the error that the model states: more is worse than it claims
-NARROW, WIDE = 0.85, 0.99  # of the rows within an interval that is to hold 95 %
-SLOWER = 1.5  # times the slowest pace that was driven: beyond it nothing is stated
-LEAST_STATED = 0.2  # of the rows, by which an interval is judged
-LATE, RARE = 1.2, 0.05  # periods from which a step of time is that of a late sample; share of the
-# rows, up to which such steps are no habit of the recorder
-SURE = 1.96  # standard errors of a correlation of nothing
+LAGS = 40  # rows: longest lag of the residual's correlation with itself and the drive
+COVERED, ENOUGH = 0.9, 0.5  # share of the range covered before rows count; of rows left
+CLAIM = 1.5  # times the error that the model states: a larger error is worse than claimed
+NARROW, WIDE = 0.85, 0.99  # allowed share of the rows within a 95 % interval
+SLOWER = 1.5  # times the slowest pace of the recordings: no error is stated for slower drives
+LEAST_STATED = 0.2  # smallest share of the rows by which an interval is judged
+LATE, RARE = 1.2, 0.05  # periods: a longer step ends at a late sample; share of rows up to which
+# late samples are exceptions
+SURE = 1.96  # standard errors of a correlation of white noise: 95 % are smaller
 
 
 @dataclass(frozen=True)
 class Validation:
-    """name: of the recording; rms: of measured minus model, without its mean; offset: that mean;
-    span: of the displacement; noise: rms from row to row; claim: what the model states of itself;
-    start: the history that fits; predicted: (N,); autocorrelation: (LAGS,) of what is left, from
-    one row on; with_drive: (LAGS + 1,) its correlation with the drive so many rows before; chance:
-    what such a correlation is by chance; outside: share of the rows beyond the validity; unstated:
-    share of the rows of which the 95 % interval says nothing, as these, or as slower than the drive
-    ever was; within: share of the others, but for the offset, that the model's 95 % band and the
-    noise explain, None where they are too few; late: rows at late samples, which are not judged."""
+    """Figures of a validation.
+
+    name: of the recording; rms: of measured minus model, without its mean; offset: that mean; span:
+    of the displacement; noise: rms from row to row; claim: the error that the model states; start:
+    the history that fits; predicted: (N,); autocorrelation: (LAGS,) of the residual, from a lag of
+    one row; with_drive: (LAGS + 1,) correlation of the residual with the drive that many rows
+    before; chance: size of such a correlation by chance; outside: share of the rows beyond the
+    validity; unstated: share of the rows for which the 95 % interval does not apply, because they
+    are outside or slower than any recorded drive; within: share of the other rows, without the
+    offset, that the model's 95 % band and the noise explain, None if they are too few; late: number
+    of rows at late samples, which are not judged.
+    """
 
     name: str
     unit: str
@@ -58,12 +62,12 @@ class Validation:
 
     @property
     def share(self) -> float:
-        """Error over the span."""
+        """The error over the span."""
         return self.rms / self.span if self.span else float("nan")
 
     @property
     def worse(self) -> bool:
-        """Is it worse than the model claims? A model that claims nothing is not."""
+        """Whether the error is larger than the model claims; False if it claims nothing."""
         return self.claim is not None and not self.rms <= CLAIM * self.claim
 
     @property
@@ -75,17 +79,18 @@ class Validation:
 
     @property
     def white(self) -> bool:
-        """Is what is left as noise is from row to row: within chance at nine lags in ten?"""
+        """Whether the residual is white noise: within chance at nine lags in ten."""
         return float(np.mean(np.abs(self.autocorrelation) > self.chance)) <= 0.1
 
     @property
     def tied_to_drive(self) -> float:
-        """Largest correlation of what is left with the drive."""
+        """Largest correlation of the residual with the drive."""
         return float(np.max(np.abs(self.with_drive)))
 
 
 def validate(model: Model, recording: Recording) -> Validation:
-    """Run the model on the recording's drive. Raises BadInput on other units, missing columns."""
+    """Run the model on the recording's drive. Raises BadInput if units differ, columns are missing
+    or too few rows are complete."""
     if recording.displacement is None:
         raise BadInput(f"{recording.name}: no displacement column; validation needs one")
     for what, ours, theirs in (
@@ -102,7 +107,7 @@ def validate(model: Model, recording: Recording) -> Validation:
         known &= ~np.isnan(recording.channels[name])
     if int(np.count_nonzero(known & ~recording.missing_displacement)) < 2 * LAGS:
         raise BadInput(f"{recording.name}: too few rows have all that the model reads")
-    at: slice | Bools = slice(None) if known.all() else known  # of a long one no second copy
+    at: slice | Bools = slice(None) if known.all() else known  # avoid copying a long recording
     channels = {name: recording.channels[name][at] for name in channels_of(model)}
     u, t, y = recording.drive[at], recording.t_s[at], recording.displacement[at]
     late = _find_late(t)
@@ -143,8 +148,8 @@ def validate(model: Model, recording: Recording) -> Validation:
 
 
 def _find_settled(u: Floats) -> Bools:
-    """(N,) rows from the first time on that the drive has covered nearly all of its own range, or
-    all rows where that comes late: before, what the stage has been through has its say."""
+    """Return the rows (N,) after the drive has covered nearly all of its range, or all rows if that
+    comes late: earlier rows depend on the history of the stage."""
     covered = np.maximum.accumulate(u)
     covered -= np.minimum.accumulate(u)
     out = np.asarray(covered >= COVERED * covered[-1])
@@ -152,9 +157,9 @@ def _find_settled(u: Floats) -> Bools:
 
 
 def _find_late(t: Floats) -> Bools:
-    """(N,) rows at a late sample and the one behind it: the drive stood for longer than the grid
-    says, and a gauge that takes its time was read at another one. None where that is no exception.
-    """
+    """Return the rows (N,) at a late sample and the row after it: the drive was held for longer
+    than the grid says, and a slow gauge was read at another time. None if late samples are
+    frequent."""
     steps = np.diff(t, prepend=np.nan)
     late = steps > LATE * np.nanmedian(steps)
     late[1:] |= late[:-1].copy()
@@ -162,8 +167,8 @@ def _find_late(t: Floats) -> Bools:
 
 
 def _correlate(error: Floats, u: Floats) -> tuple[Floats, Floats]:
-    """Autocorrelation (LAGS,) of the error, and its correlation (LAGS + 1,) with the drive before;
-    pairs with a missing value count for nothing."""
+    """Return the autocorrelation (LAGS,) of the error, and its correlation (LAGS + 1,) with earlier
+    drive; pairs with a missing value contribute nothing."""
     e = np.nan_to_num(error)
     v = u - u.mean()
     size, drive = float(e @ e) or 1.0, float(np.sqrt((e @ e) * (v @ v))) or 1.0
@@ -173,7 +178,7 @@ def _correlate(error: Floats, u: Floats) -> tuple[Floats, Floats]:
 
 
 def _find_slower(model: Model, u: Floats, t: Floats) -> Bools:
-    """(N,) rows at which the drive is slower than it was in any recording of the model."""
+    """Return the rows (N,) at which the drive is slower than in any recording of the model."""
     v = model.validity
     if v.slowest_s is None:
         return np.zeros(u.size, dtype=bool)
@@ -182,7 +187,7 @@ def _find_slower(model: Model, u: Floats, t: Floats) -> Bools:
 
 
 def _find_outside(model: Model, u: Floats, t: Floats) -> Bools:
-    """(N,) rows beyond the drive range or the rate that the model was identified in."""
+    """Return the rows (N,) beyond the drive range or the rate in which the model was identified."""
     v = model.validity
     margin = 1e-6 * (v.drive_max - v.drive_min)
     beyond = (u < v.drive_min - margin) | (u > v.drive_max + margin)

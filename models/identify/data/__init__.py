@@ -1,1 +1,1 @@
-"""What of the recordings is fitted: rows that count, glitches left out, stretches held out."""
+"""Prepare recordings for the fit: usable rows, glitches removed, stretches held out."""

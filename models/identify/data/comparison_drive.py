@@ -1,10 +1,10 @@
-"""A drive of all kinds within a range, on which two models are compared where the data are thin.
+"""A drive that covers a range in many ways, to compare two models where the data are sparse.
 
-A stage may want what an invertible model cannot give: an output that runs back right after a
-reversal. The bounded fit then bends the rest of the model towards the recording at hand, along
-directions in which that recording says little, and is worse on every other drive. The remedy: fit
-without the bounds on narrow operators first, and then look for the monotone model that is close to
-the data and to that first fit on this drive alike.
+The data may call for an output that moves backwards right after a reversal, which no invertible
+model gives. A bounded fit then bends the rest of the model towards this one recording, in
+directions that the recording hardly determines, and is worse on every other drive. The remedy: fit
+without bounds on narrow operators first, then look for the monotone model that is close both to the
+data and, on this drive, to that first fit.
 """
 
 import numpy as np
@@ -13,14 +13,15 @@ from dehyst.models.identify.data.rows import Rows
 from dehyst.models.recording import Floats
 
 SIZES = (1.0, 0.8, 0.6, 0.4)  # of the drive range
-SIZES_STATIC = (1.0, 0.7, 0.5, 0.3)  # where the rate does not matter
+SIZES_STATIC = (1.0, 0.7, 0.5, 0.3)  # of the drive range, for a static model
 PACES = (0.02, 0.05, 0.08, 0.4, 0.8, 1.2)  # of the largest rate
 CYCLES = 8
-SAMPLES = 60  # a cycle
+SAMPLES = 60  # per cycle
 
 
 def make_comparison_drive(low: float, high: float, rate_max: float) -> Rows:
-    """Sines of several sizes and rates that wander through the range, as rows without displacement.
+    """Return sines of several sizes and rates whose centres move through the range, as rows without
+    displacement.
 
     rate_max: largest rate of the recordings [drive unit / s]; 0: the rate does not matter.
     """

@@ -1,9 +1,9 @@
-"""Which rows are held out together: stretches of the drive that differ from each other.
+"""Choose which rows are held out together: stretches of the drive that differ from each other.
 
-A drive that repeats itself tells nothing new in its second cycle: rows held out there are predicted
-by any fit, however far it bends. So a recording is cut where the drive turns, each way between two
-turns into parts, and parts of ways that begin and end alike are one stretch wherever they come; a
-whole stretch is held out. What a model gains must show on stretches that it has not seen.
+The second cycle of a repeating drive contains nothing new: any fit predicts rows held out there,
+however overfitted. So a recording is cut at the turns of the drive and each segment between two
+turns is cut into parts. Parts of segments that begin and end alike are one stretch wherever they
+occur, and a whole stretch is held out. A richer model must gain on stretches that it has not seen.
 """
 
 from collections.abc import Sequence
@@ -26,10 +26,10 @@ def assign_pieces(
     high: float,
     parts: int = TUNING.parts,
 ) -> int:
-    """Write into each recording's `piece` the stretch of each row; the number of folds.
+    """Write the stretch of each row into each recording's `piece`, and return the number of folds.
 
-    Piece p is held out with all pieces that leave the same rest when divided by that number; there
-    are TUNING.pieces in every fold, over which gains are compared. parts: of a way; 1: whole ways.
+    Piece p is held out with all pieces that have the same remainder modulo that number; each fold
+    has TUNING.pieces pieces, over which gains are compared. parts: of a segment; 1: whole segments.
     """
     grid = TUNING.minor * (high - low)
     size = TUNING.small * (high - low)
@@ -41,7 +41,7 @@ def assign_pieces(
     kinds = np.flatnonzero(counts)
     sizes = counts[kinds]
     folds = int(min(TUNING.folds, kinds.size))
-    if folds < min(2, parts) + 1:  # the drive does one thing: parts in time have to do
+    if folds < min(2, parts) + 1:  # the drive repeats one segment: use parts in time
         count = TUNING.folds * TUNING.pieces
         for one in rows:
             step = max(1, -(-one.u.size // (2 * count)))
@@ -61,8 +61,8 @@ def assign_pieces(
 
 @njit(cache=True, nogil=True)
 def _label(u: Floats, low: float, grid: float, parts: int, size: float) -> Labels:
-    """(N,) a number for each row: its way (from where, to where, on a grid from `low` on), and
-    which of its parts; turns smaller than `size` are none."""
+    """Return a number (N,) for each row: its segment (start and end, on a grid from `low`) and its
+    part of it; turns smaller than `size` are ignored."""
     out = np.zeros(u.size, dtype=np.int32)
     first = 0
     while first < u.size and np.isnan(u[first]):
@@ -70,7 +70,7 @@ def _label(u: Floats, low: float, grid: float, parts: int, size: float) -> Label
     if first == u.size:
         return out
     origin = extreme = u[first]
-    begin = turn = first  # the way's first row, and the row of its extreme
+    begin = turn = first  # the segment's first row, and the row of its extreme
     direction = 0.0
     for i in range(first, u.size):
         if np.isnan(u[i]):
@@ -100,7 +100,7 @@ def _label_way(
     grid: float,
     parts: int,
 ) -> None:
-    """Write the labels of one way."""
+    """Write the labels of one segment."""
     way = (ends[0] - low) / grid + 0.5
     base = 4 * int(np.ceil(1.0 / TUNING.minor))
     start = int(way) * base + int((ends[1] - low) / grid + 0.5)

@@ -1,4 +1,4 @@
-"""Lone wild values of a signal, and a part of its rows by chance."""
+"""Find lone wild values of a signal, and draw a random part of its rows."""
 
 from collections.abc import Sequence
 
@@ -10,9 +10,10 @@ from dehyst.models.recording import Bools, Floats
 
 
 def remove_glitches(name: str, u: Floats, notes: list[str]) -> Floats:
-    """The drive with lone wild values as NaN; a glitch would stay in every operator's memory."""
+    """Return the drive with lone wild values as NaN; a glitch would stay in the memory of every
+    operator."""
     wild = np.zeros(u.size, dtype=bool)
-    for _ in range(2):  # once more: of two glitches side by side one hides the other
+    for _ in range(2):  # twice: of two adjacent glitches one hides the other
         known = ~np.isnan(u) & ~wild
         if not known.any():
             return u
@@ -30,9 +31,11 @@ def remove_glitches(name: str, u: Floats, notes: list[str]) -> Floats:
 
 
 def _find_glitches(v: Floats) -> Bools:
-    """(N,) values far off the five around them, which the drive's own steps do not explain.
+    """Return the values (N,) that are far from the five around them and not explained by the steps
+    of the drive.
 
-    Of these the tip of a triangle has a jump of 2 / 3, and a glitch's neighbours a smaller jump.
+    The tip of a triangle has a jump of 2 / 3 of its deviation, and the neighbours of a glitch have
+    a smaller jump.
     """
     off = measure_deviation(v)
     np.abs(off, out=off)
@@ -51,7 +54,8 @@ def _find_glitches(v: Floats) -> Bools:
 
 @njit(cache=True, nogil=True)
 def measure_jumps(x: Floats) -> Floats:
-    """(N,) how far each value is from the cubic through its four neighbours; 0 next to NaN."""
+    """Return the distance (N,) of each value from the cubic through its four neighbours; 0 next to
+    NaN."""
     out = np.zeros(x.size)
     for i in range(2, x.size - 2):
         around = (4.0 * (x[i - 1] + x[i + 1]) - (x[i - 2] + x[i + 2])) / 6.0
@@ -62,7 +66,8 @@ def measure_jumps(x: Floats) -> Floats:
 
 @njit(cache=True, nogil=True)
 def measure_deviation(x: Floats) -> Floats:
-    """(N,) distance of each value from the median of its five neighbours; NaN stays NaN."""
+    """Return the distance (N,) of each value from the median of the five values around it; NaN
+    stays NaN."""
     out = np.zeros(x.size)
     five = np.empty(5)
     for i in range(x.size):
@@ -86,7 +91,8 @@ def measure_deviation(x: Floats) -> Floats:
 
 @njit(cache=True, nogil=True)
 def _measure_steps(x: Floats) -> Floats:
-    """(N,) median size of the six steps nearest to each value, less the two that touch it."""
+    """Return the median size (N,) of the six steps nearest to each value, without the two at the
+    value itself."""
     out = np.zeros(x.size)
     six = np.empty(6)
     for i in range(x.size):
@@ -106,14 +112,14 @@ def _measure_steps(x: Floats) -> Floats:
 
 
 def sample(x: Floats, limit: int = 200_000) -> Floats:
-    """At most `limit` values of x, by chance: a stride could fall in step with the drive."""
+    """Return at most `limit` values of x, at random: a stride could be in step with the drive."""
     if x.size <= limit:
         return x
     return x[np.random.default_rng(0).integers(0, x.size, limit)]
 
 
 def thin(picks: Sequence[Bools], limit: int) -> list[Bools]:
-    """At most about `limit` of the picked rows; which of a long recording does not matter."""
+    """Return about `limit` of the picked rows at most, at random."""
     total = sum(int(np.count_nonzero(p)) for p in picks)
     if total <= limit:
         return list(picks)

@@ -1,8 +1,9 @@
-"""A recording made ready for identification: which rows may stand as equations, and why others not.
+"""Prepare a recording for identification: which rows can be used as equations, and why others
+cannot.
 
-Nothing is filled in. A missing drive sample leaves the operators as they are; a missing
-displacement, or a rate across a gap, costs that one equation; after a long gap the memory of the
-stage is unknown again.
+Nothing is filled in. A missing drive sample leaves the operators unchanged; a missing displacement,
+or a rate across a gap, costs that one equation; after a long gap the memory of the stage is unknown
+again.
 """
 
 from collections.abc import Sequence
@@ -22,13 +23,13 @@ from dehyst.models.units import spell_unit
 
 @dataclass
 class Rows:
-    """One recording's equations.
+    """The equations of one recording.
 
-    u, rate, y: (N,) drive, du/dt over the true time step, displacement; NaN where unknown.
-    use: (N,) rows that may stand as equations. resets: rows where the stage's memory is unknown.
-    settled: (N,) rows at which no operator up to the widest depends on the unknown start.
-    virgin: the start looks de-energised. notes: what a reader should know. piece: (N,) stretch
-    of the drive. came_from: where the drive had been before a reset, against the operators' offset.
+    u, rate, y: (N,) drive, du/dt over the true time step, displacement; NaN where unknown. use:
+    (N,) rows that can be used as equations. resets: rows where the memory of the stage is unknown.
+    settled: (N,) rows at which no operator up to the widest depends on the unknown start. virgin:
+    the start looks de-energised. notes: remarks for the user. piece: (N,) stretch of the drive.
+    came_from: where the drive had been before a reset, relative to the operators' offset.
     """
 
     name: str
@@ -51,7 +52,8 @@ class Rows:
 
 
 def read_rows(recording: Recording, span: float | None = None) -> Rows:
-    """Rows of one recording. span: drive span over all recordings (default: this one's own).
+    """Return the rows of one recording. span: drive span over all recordings (default: that of this
+    one).
 
     Raises BadRecording when nothing can be learned from it, in one sentence with the remedy.
     """
@@ -128,7 +130,7 @@ def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]
 
 @njit(cache=True, nogil=True)
 def measure_travels(u: Floats) -> tuple[float, float]:
-    """Largest rise above an earlier value and largest fall below an earlier value."""
+    """Return the largest rise above an earlier value, and the largest fall below one."""
     low = high = u[0]
     rise = fall = 0.0
     for i in range(u.size):
@@ -139,7 +141,8 @@ def measure_travels(u: Floats) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True)
 def compute_rates(t: Floats, u: Floats, period: float) -> tuple[Floats, NDArray[np.intp]]:
-    """(N,) rate over each row's own step, NaN after a gap; rows that follow a long gap."""
+    """Return the rate (N,) over each row's own step, NaN after a gap; and the rows after a long
+    gap."""
     rate = np.full(u.size, np.nan)
     resets = np.empty(u.size, dtype=np.intp)
     count = 0
@@ -163,10 +166,10 @@ def compute_rates(t: Floats, u: Floats, period: float) -> tuple[Floats, NDArray[
 
 
 def _stamps_jitter(t: Floats, u: Floats) -> bool:
-    """Is the drive a smoother function of the sample's number than of its time stamp?
+    """Return whether the drive is a smoother function of the sample number than of its time stamp.
 
-    Then the samples were regular and the stamps were late by chance; rates by such stamps would
-    be noise. Only where hardly a sample is missing.
+    Then the samples were regular and the stamps were late at random; rates by such stamps would be
+    noise. Only if hardly any sample is missing.
     """
     t, u = t[:200_000], u[:200_000]
     steps = np.diff(t)
@@ -181,7 +184,8 @@ def _stamps_jitter(t: Floats, u: Floats) -> bool:
 
 @njit(cache=True, nogil=True)
 def _regularise(t: Floats, period: float) -> Floats:
-    """Regular times whose numbering follows jittering stamps: every step a whole period."""
+    """Return regular times whose numbering follows jittering stamps: every step is a multiple of
+    the period."""
     out = np.empty(t.size)
     out[0] = expected = t[0]
     number = 0.0
@@ -208,7 +212,7 @@ def _settle(u: Floats, resets: NDArray[np.intp], travel: float, settled: Bools) 
 
 
 def _looks_virgin(u: Floats, span: float) -> bool:
-    """The drive starts at zero, and there at rest or at the end of its range."""
+    """Return whether the drive starts at zero, and there at rest or at the end of its range."""
     if abs(u[0]) > TUNING.crumb * span:
         return False
     at_end = min(u[0] - float(u.min()), float(u.max()) - u[0]) <= TUNING.crumb * span
@@ -218,20 +222,22 @@ def _looks_virgin(u: Floats, span: float) -> bool:
 
 
 def find_drive_range(rows: Sequence[Rows]) -> tuple[float, float]:
-    """Lowest and highest drive of several recordings."""
+    """Return the lowest and highest drive of several recordings."""
     return min(float(np.nanmin(r.u)) for r in rows), max(float(np.nanmax(r.u)) for r in rows)
 
 
 def find_rate_range(rows: Sequence[Rows]) -> float:
-    """Largest rate that the recordings show more than now and then [drive unit / s]."""
+    """Return the largest rate that occurs more than occasionally in the recordings [drive unit /
+    s]."""
     rates = np.concatenate([np.abs(sample(r.rate[r.use])) for r in rows])
     moving = rates[rates > 0]
     return float(min(moving.max(), 1.5 * np.quantile(moving, 0.99))) if moving.size else 0.0
 
 
 def find_acceleration(rows: Sequence[Rows], rate_max: float) -> float:
-    """Largest change of the rate from sample to sample [drive unit / s^2], jumps left out that are
-    faster than rate_max. A drive with corners, or one that is read with noise, has a large one."""
+    """Return the largest change of the rate from sample to sample [drive unit / s^2], ignoring
+    jumps faster than rate_max. It is large for a drive with corners or one that is read with noise.
+    """
     largest = 0.0
     for one in rows:
         with np.errstate(invalid="ignore"):

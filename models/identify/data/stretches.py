@@ -1,7 +1,7 @@
-"""Stretches of a very long recording: as much of it as a model needs, whatever its length.
+"""Select stretches of a very long recording: as many rows as a model needs.
 
-Every trial of a structure runs the operators through all rows. A million rows more do not lower a
-fit's error by a nanometre, but each of some hundred trials waits for them.
+Every trial of a structure runs the operators through all rows. A million more rows lower the error
+of a fit by less than a nanometre, but lengthen each of hundreds of trials.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,8 @@ Some = TypeVar("Some", bound=np.generic)
 
 @dataclass(frozen=True)
 class Taken:
-    """What is taken of a recording. rows: (n,) of the whole; note: what a reader should know."""
+    """The part of a recording that is used. whole: rows of the whole recording; rows: (n,) used
+    rows of it; note: a remark for the user."""
 
     recording: Recording
     whole: int
@@ -28,7 +29,7 @@ class Taken:
     note: str = ""
 
     def spread(self, values: NDArray[Some], empty: Any) -> NDArray[Some]:
-        """(whole,) values (n,) at their rows, `empty` elsewhere."""
+        """Return (whole,) values with `values` (n,) at their rows and `empty` elsewhere."""
         if self.rows is None:
             return values
         out: NDArray[Some] = np.full(self.whole, empty, dtype=values.dtype)
@@ -37,16 +38,20 @@ class Taken:
 
 
 def take_stretches(recording: Recording, most: int = TUNING.most_rows) -> Taken:
-    """At most `most` rows of a recording, in stretches spread over it, the first from its start.
+    """Return at most `most` rows of a recording, in stretches spread over it, the first from its
+    start.
 
-    In each the drive runs through nearly all of its range, so that the stage's memory is known in
-    the end; the fewer and longer, the slower the drive. All rows where no stretch does.
+    In each stretch the drive covers nearly all of its range, so that the memory of the stage
+    becomes known; the slower the drive, the fewer and longer the stretches. Returns all rows if no
+    stretch does.
     """
     size = recording.size
     if size <= most or np.isnan(recording.drive).all():
         return Taken(recording, size)
     span = float(np.nanmax(recording.drive) - np.nanmin(recording.drive))
-    for count in (4, 2, 1):  # as many as the drive runs through its range in
+    # the most stretches first, as they represent more of the recording; halving their number
+    # doubles their length, in which a slower drive can cover its range
+    for count in (4, 2, 1):
         each = most // count
         begins = np.linspace(0, size - each, count).astype(np.int64)
         parts = [recording.drive[at : at + each] for at in begins]

@@ -1,1 +1,1 @@
-"""Whether recordings can be of a stage of this class, and the model one of them."""
+"""Check that recordings, and their model, can be of a stage of this class."""

@@ -1,5 +1,5 @@
-"""The model on its own input: every row of every recording, in the file's order, before anything is
-claimed of it. What no model of this class can follow is refused with its reason."""
+"""Run the model on its own input, every row of every recording in the file's order, before claims
+are made. Recordings that no model of this class can follow are refused with a reason."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,17 +22,20 @@ BUTTERFLY = (
 )
 
 SAME_SIGNAL = 1e-9
-"""Of the displacement's rms, that a straight line through the drive leaves of a copy of it."""
+"""Residual of a straight line through the drive, as a fraction of the rms of the displacement,
+below which the displacement is a copy of the drive."""
 LEVELS, FEWEST_AT_A_LEVEL = 20, 3
-"""Of the drive, at which the way up is compared with the way down; readings of each."""
+"""Number of drive levels at which rising and falling readings are compared; least number of
+readings of each."""
 SCATTERED = 0.5
-"""Of the widest distance, by which readings of one way scatter where no loop repeats."""
+"""Scatter of the readings of one direction, as a fraction of the widest distance, above which no
+loop repeats."""
 
 
 @dataclass(frozen=True)
 class OwnInput:
-    """What the model leaves in one recording [displacement unit]: rms of all its rows, of those
-    that were fitted, and of the others (NaN: there are none); span: range of its displacement."""
+    """Residual of the model in one recording [displacement unit]: rms of all its rows, of those
+    that were fitted, and of the others (NaN if there are none); span: range of its displacement."""
 
     name: str
     rows: int
@@ -46,9 +49,9 @@ class OwnInput:
 def simulate_own_input(
     model: Model, rows: Sequence[Rows], used: Sequence[Bools]
 ) -> tuple[OwnInput, ...]:
-    """Simulate each recording whole, but for lone glitches of its drive. used: (N,) rows of each
-    that were fitted. Each recording but the first has an offset of its own, the mean over its
-    fitted rows."""
+    """Simulate each whole recording, without lone glitches of its drive. used: (N,) rows of each
+    that were fitted. Each recording but the first has its own offset, the mean over its fitted
+    rows."""
     found = []
     for place, (one, fitted) in enumerate(zip(rows, used, strict=True)):
         driven = ~np.isnan(one.u)
@@ -75,8 +78,8 @@ def simulate_own_input(
 def require_own_input(
     model: Model, rows: Sequence[Rows], used: Sequence[Bools], noise: Sequence[float]
 ) -> tuple[str, ...]:
-    """What is to be said of the rows that were left out. noise: rms of each recording. Raises
-    BadRecording where the model cannot follow its own input, or the loop is none of this class."""
+    """Return remarks on the rows that were left out. noise: rms of each recording. Raises
+    BadRecording if the model cannot follow its own input, or the loop is not of this class."""
     said = []
     unit = model.displacement_unit
     for one, its, sigma in zip(simulate_own_input(model, rows, used), rows, noise, strict=True):
@@ -106,15 +109,15 @@ def require_own_input(
 
 
 def require_ordinary_loop(recordings: Sequence[Recording]) -> None:
-    """Raise BadRecording where the loop itself says what is wrong: the displacement comes back
-    within the ways of the drive, is the drive itself, or goes up and down far apart."""
+    """Raise BadRecording if the loop itself shows the fault: the displacement reverses within the
+    segments of the drive, is a copy of the drive, or has too wide a loop."""
     for one in recordings:
         if one.displacement is None:
             continue
         known = ~np.isnan(one.drive) & ~np.isnan(one.displacement)
         u, y = one.drive[known], one.displacement[known]
         if u.size < TUNING.fewest_rows or not np.ptp(y):
-            continue  # too short, or a dead gauge, which is said where the rows are read
+            continue  # too short, or a dead gauge: read_rows reports these
         if is_butterfly(one.drive, one.displacement):
             raise BadRecording(f"{one.name}: {BUTTERFLY}")
         turns = np.any(np.diff(u) > 0) and np.any(np.diff(u) < 0)
@@ -136,8 +139,9 @@ def _require_narrow(name: str, width: float) -> None:
 
 
 def measure_loop_width(u: Floats, y: Floats) -> float:
-    """Widest distance of what goes down from what comes up at one drive, over the range of y; u, y:
-    (N,) without gaps. 0 where y does not repeat: a level of drive has no typical reading."""
+    """Return the largest distance between falling and rising readings at one drive, over the range
+    of y; u, y: (N,) without gaps. 0 if y does not repeat: then a drive level has no typical
+    reading."""
     if u.size < 4 * LEVELS or not np.ptp(u) or not np.ptp(y):
         return 0.0
     level = np.minimum(((u - u.min()) / np.ptp(u) * LEVELS).astype(int), LEVELS - 1)
@@ -154,7 +158,7 @@ def measure_loop_width(u: Floats, y: Floats) -> float:
 
 
 def _why_outside(model: Model, rows: Rows) -> str:
-    """Why no model of this class follows a recording, as far as its ways show it."""
+    """Explain why no model of this class follows a recording, as far as its segments show it."""
     if is_butterfly(rows.u, rows.y):
         return BUTTERFLY
     if describe(model).hysteresis > TUNING.half:
@@ -169,7 +173,7 @@ def _why_outside(model: Model, rows: Rows) -> str:
 
 
 def is_butterfly(u: Floats, y: Floats) -> bool:
-    """Whether the displacement (N,) turns round within most long ways of the drive (N,)."""
+    """Return whether the displacement (N,) reverses within most long segments of the drive (N,)."""
     known = ~np.isnan(u) & ~np.isnan(y)
     u, y = u[known], y[known]
     if u.size < 2 or not np.ptp(u) or not np.ptp(y):

@@ -1,5 +1,5 @@
-"""Do the recordings make sense as drive and displacement of one stage? What is refused, in one
-sentence with the remedy."""
+"""Check whether recordings make sense as drive and displacement of one stage, and refuse others in
+one sentence with the remedy."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ ROUGHNESS_ROWS = 100_000
 
 
 def require_same_units(recordings: Sequence[Recording]) -> None:
-    """Raise BadInput where one recording is in other units than the first."""
+    """Raise BadInput if a recording is in other units than the first."""
     first = recordings[0]
     for other in recordings[1:]:
         if (other.drive_unit, other.displacement_unit) != (
@@ -31,7 +31,7 @@ def require_same_units(recordings: Sequence[Recording]) -> None:
 
 
 def require_different(recordings: Sequence[Recording]) -> None:
-    """Raise BadInput where a recording is given twice."""
+    """Raise BadInput if a recording is given twice."""
     seen: dict[str, str] = {}
     for one in recordings:
         if one.sha256 and one.sha256 in seen:
@@ -40,8 +40,8 @@ def require_different(recordings: Sequence[Recording]) -> None:
 
 
 def note_slow_times(rows: Sequence[Rows]) -> tuple[str, ...]:
-    """What is to be said of recordings whose rows lie so far apart that their times may be
-    milliseconds: they are taken as seconds, as quasi-static recordings of hours are ordinary."""
+    """Return remarks on recordings whose rows are so far apart that their times may be
+    milliseconds. They are taken as seconds, because quasi-static recordings of hours are common."""
     said = []
     for one in rows:
         known = one.u[~np.isnan(one.u)]
@@ -58,10 +58,10 @@ def note_slow_times(rows: Sequence[Rows]) -> tuple[str, ...]:
 
 
 def require_drive_first(rows: Sequence[Rows]) -> None:
-    """Raise BadRecording where the column of the displacement runs ahead of that of the drive, and
-    is not plainly the one that was measured: a stage lags behind its drive, so the loop is run
-    through one way round, but for stages (or sensors) whose springs lead. A reading has the noise
-    of its sensor; a drive that was commanded has none."""
+    """Raise BadRecording if the displacement column runs ahead of the drive column and is not
+    plainly the measured one. A stage lags behind its drive, so the loop has one sense, except for
+    stages (or sensors) whose springs lead. A reading contains the noise of its sensor; a commanded
+    drive has none."""
     for one in rows:
         known = ~np.isnan(one.u) & ~np.isnan(one.y)
         if measure_line(one.u[known], one.y[known]) > 0.5 * float(np.std(one.y[known])):
@@ -76,8 +76,8 @@ def require_drive_first(rows: Sequence[Rows]) -> None:
 
 
 def require_one_sense(rows: Sequence[Rows], unit: str) -> None:
-    """Raise BadRecording where the displacement rises with the drive in some recordings and falls
-    in others. unit: of displacement over drive."""
+    """Raise BadRecording if the displacement rises with the drive in some recordings and falls in
+    others. unit: of displacement over drive."""
     slopes = []
     for one in rows:
         known = ~np.isnan(one.u) & ~np.isnan(one.y)
@@ -98,8 +98,8 @@ def require_one_sense(rows: Sequence[Rows], unit: str) -> None:
 
 
 def _measure_loop(u: Floats, y: Floats) -> float:
-    """Area that (u, y) runs around, per length of the drive's way there and back over its range
-    and per range of y; positive where y is behind u. Both directions of y count alike."""
+    """Return the area that (u, y) encloses, per length of the drive's travel over its range and
+    back and per range of y; positive if y lags behind u. Both directions of y count alike."""
     at = np.flatnonzero(~np.isnan(u) & ~np.isnan(y))
     if at.size < 10:
         return 0.0
@@ -109,14 +109,14 @@ def _measure_loop(u: Floats, y: Floats) -> float:
     travel = float(np.sum(np.abs(np.diff(v))))
     slope = float(np.cov(sample(v), sample(x))[0, 1]) if at.size <= 200_000 else 1.0
     area = float(np.sum(0.5 * (v[1:] + v[:-1]) * np.diff(x)))
-    area -= 0.5 * float((v[-1] + v[0]) * (x[-1] - x[0]))  # closed by a straight line
+    area -= 0.5 * float((v[-1] + v[0]) * (x[-1] - x[0]))  # close the loop by a straight line
     loops = travel / (2.0 * float(np.ptp(v)))
     return np.sign(slope) * area / (max(loops, 1.0) * float(np.ptp(v)) * max(high - low, 1e-300))
 
 
 def _measure_roughness(x: Floats) -> float:
-    """Rms of white noise that would change so much from row to row, over the range of x; from
-    fourth differences, of which little of what is smooth is left."""
+    """Return the rms of white noise that would change this much from row to row, over the range of
+    x; from fourth differences, which leave little of a smooth signal."""
     known = x[~np.isnan(x)][:ROUGHNESS_ROWS]
     if known.size < 10 or not np.ptp(known):
         return 0.0
@@ -127,7 +127,7 @@ def _measure_roughness(x: Floats) -> float:
 def require_better_than_a_line(
     setup: FitSetup, residuals: Sequence[Floats], picks: Sequence[Bools]
 ) -> None:
-    """Raise BadRecording where the last fit leaves more than a straight line does, or is no number:
+    """Raise BadRecording if the last fit leaves more than a straight line does, or is not a number;
     of several recordings, it names the one that does not belong to the others."""
     for one, error, pick in zip(setup.rows, residuals, picks, strict=True):
         if not pick.any():
@@ -152,8 +152,8 @@ def require_better_than_a_line(
 
 
 def require_following(setup: FitSetup, held_rms: float) -> None:
-    """Raise BadRecording when the displacement has little to do with the drive. held_rms: what the
-    best model leaves of samples held out."""
+    """Raise BadRecording if the displacement depends little on the drive. held_rms: held-out rms
+    error of the best model."""
     some = thin(setup.picks, TUNING.rows_fitted)
     y = np.concatenate([one.y[p] for one, p in zip(setup.rows, some, strict=True)])
     explained = 1.0 - held_rms**2 / max(float(np.var(y)), 1e-300)
@@ -167,10 +167,10 @@ def require_following(setup: FitSetup, held_rms: float) -> None:
 def require_one_stage(
     names: Sequence[str], together: Sequence[float], alone: Sequence[float], unit: str
 ) -> str:
-    """Raise BadRecording where recordings are predicted well each alone and badly together; where
-    they are predicted a little worse together, what is to be said of it, else "".
+    """Raise BadRecording if recordings are predicted well by their own models and badly by a common
+    one; if a little worse by the common one, return a remark, else "".
 
-    together, alone: (G,) rms that the common model and one of its own leave in each recording.
+    together, alone: (G,) rms residuals of each recording with the common model and with its own.
     """
     ratio = np.array(together) / np.maximum(alone, 1e-300)
     if len(names) < 2 or float(np.max(ratio)) <= TUNING.twice:
@@ -192,17 +192,17 @@ def require_one_stage(
 
 
 def measure_line(u: Floats, y: Floats) -> float:
-    """Rms that a straight line through (u, y) leaves."""
+    """Return the rms residual of a straight line through (u, y)."""
     return rms(y - y.mean() - _fit_slope(u, y) * (u - u.mean()))
 
 
 def _fit_slope(u: Floats, y: Floats) -> float:
-    """Of the straight line through (u, y)."""
+    """Return the slope of the straight line through (u, y)."""
     du = u - u.mean()
     power = float(du @ du)
     return float(du @ (y - y.mean())) / power if power > 0.0 else 0.0
 
 
 def rms(x: Floats) -> float:
-    """Root mean square; NaN of nothing."""
+    """Return the root mean square; NaN for an empty array."""
     return float(np.sqrt(np.mean(x**2))) if x.size else float("nan")
