@@ -1,16 +1,16 @@
-"""Named mistakes, put into a copy of the code one at a time: do the tests notice?
+"""Apply named mistakes to a copy of the code, one at a time, and check that the tests notice them.
 
     python -m tests.mutations [--only NAME ...] [--room ROOM ...] [--jobs N] [--list]
 
-Each change of the lists in this folder is put into a copy of the tree of its own in a temporary
-folder, and the tests that should notice it are run there, up to the first that fails; before, they
-are run once on the copy as it is. A change is `noticed` when a test fails (or does not end),
-`survived` when all pass. Exit status: 1 where one survives that is not listed with a reason, could
-not be applied or could not be judged; else 0.
+Each change in the lists of this folder is applied to its own copy of the tree in a temporary
+folder, where the tests that should notice it run until the first failure. Before that, they run
+once on an unchanged copy. A change is `noticed` when a test fails (or does not end) and `survived`
+when all pass. Exit status: 1 if a change survives without a listed reason, could not be applied or
+could not be judged; else 0.
 
-No kept tool fits: mutmut 3 copies each function into a switch and leaves alone what has a
-decorator, so every numba kernel; cosmic-ray changes each operator and number of a file without
-knowing what would hurt, thousands of runs of kernels that compile for seconds each.
+No maintained tool fits: mutmut 3 copies each function into a switch and leaves out decorated
+functions, so every numba kernel; cosmic-ray changes each operator and number of a file without
+knowing what would hurt, in thousands of runs of kernels that compile for seconds each.
 """
 
 import argparse
@@ -33,13 +33,13 @@ from tests.mutations.rooms import ROOMS
 NOTICED, SURVIVED, UNFIT = "noticed", "survived", "could not apply"
 UNJUDGED = "could not be judged"
 LEAST_S, TIMES = 270.0, 5.0
-"""A run on changed code may take so long: this, or so many times what it takes unchanged. Tests
-give up by themselves after 120 s, some after 240 s, and then the test that noticed has a name."""
+"""Time limit of a run on changed code: this, or this multiple of the time on unchanged code. Tests
+end themselves after 120 s, some after 240 s, so that the test that noticed is named."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a change; by: the test that noticed it, or what went wrong."""
+    """The result of a change; by: the test that noticed it, or the reason for the result."""
 
     change: Change
     result: str
@@ -48,12 +48,12 @@ class Outcome:
 
 
 def run_tests(tree: Path, tests: Sequence[str], limit_s: float) -> tuple[int | None, str]:
-    """(exit status of pytest, None: it did not end; its output)."""
+    """Return the exit status of pytest (None if it did not end) and its output."""
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
     data = os.environ.get("DEHYST_DATA") or str(ROOT.parent / "shared")
     path = os.pathsep.join([str(tree / "src"), str(tree)])
     env = {**os.environ, "PYTHONPATH": path, "DEHYST_DATA": data}
-    env.pop("NUMBA_CACHE_DIR", None)  # the kernels lie beside their files, in each copy
+    env.pop("NUMBA_CACHE_DIR", None)  # each copy has the kernels next to their files
     with subprocess.Popen(
         command, cwd=tree, env=env, text=True, start_new_session=True,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
@@ -88,7 +88,8 @@ def judge(base: Path, folder: Path, change: Change, usual_s: float) -> Outcome:
 
 
 def check_unchanged(base: Path, changes: Sequence[Change]) -> dict[tuple[str, ...], float]:
-    """Seconds of each set of tests on unchanged code, by the set; those that fail are left out."""
+    """Return the seconds that each set of tests takes on unchanged code; sets that fail are left
+    out."""
     found = {}
     for tests in dict.fromkeys(one.tests for one in changes):
         begun = time.monotonic()
@@ -100,7 +101,7 @@ def check_unchanged(base: Path, changes: Sequence[Change]) -> dict[tuple[str, ..
 
 
 def run(changes: Sequence[Change], jobs: int) -> list[Outcome]:
-    """All of them, in order; tells of each as it ends."""
+    """Judge all changes, in order, and print each outcome when it is known."""
     with tempfile.TemporaryDirectory(prefix="dehyst-mutations-") as name:
         folder = Path(name)
         base = copy_project(folder / "base")
@@ -119,7 +120,7 @@ def run(changes: Sequence[Change], jobs: int) -> list[Outcome]:
 
 
 def print_table(outcomes: Sequence[Outcome]) -> None:
-    """A table for docs/measured.md, and the counts."""
+    """Print a table for docs/measured.md, and the counts."""
     print("\n| change | result | by | what it would do |\n|---|---|---|---|")
     for one in outcomes:
         by = " ".join(one.by.split())[:120]
@@ -129,7 +130,7 @@ def print_table(outcomes: Sequence[Outcome]) -> None:
 
 
 def pick(rooms: Sequence[str], only: Sequence[str]) -> list[Change]:
-    """The changes of these rooms and names. Raises ValueError for a name that is not there."""
+    """Return the changes of these rooms and names. Raises ValueError for an unknown name."""
     every = {name: list(changes) for name, changes in ROOMS.items()}
     names = [one.name for changes in every.values() for one in changes]
     if twice := [name for name, count in Counter(names).items() if count > 1]:
@@ -141,7 +142,7 @@ def pick(rooms: Sequence[str], only: Sequence[str]) -> list[Change]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command."""
+    """Run the command and return its exit status."""
     parser = argparse.ArgumentParser(prog="tests.mutations", description=__doc__.split("\n")[0])
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME")
     parser.add_argument("--room", nargs="+", default=[], metavar="ROOM", help=", ".join(ROOMS))
@@ -174,7 +175,7 @@ if __name__ == "__main__":
     try:
         code = main()
         sys.stdout.flush()
-    except BrokenPipeError:  # the reader has gone, e.g. `| head`
+    except BrokenPipeError:  # the reader has closed the pipe, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 0
     sys.exit(code)

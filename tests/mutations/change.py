@@ -1,4 +1,4 @@
-"""What a named change of the code is, and where it is applied: a copy of the tree of its own."""
+"""Define a named change of the code, and apply it to a copy of the tree."""
 
 import ast
 import os
@@ -14,9 +14,9 @@ ROOT = Path(__file__).resolve().parents[2]
 class Change:
     """One mistake that somebody could make.
 
-    name: unique; file: in which, from the project's top; old: its text, found there exactly once;
-    new: what takes its place; does: one sentence, what it would do to the stage or to the user;
-    tests: what pytest is given: files, or single tests; survives: why no test need notice it.
+    name: unique; file: path from the project's root; old: text that occurs in the file exactly
+    once; new: its replacement; does: one sentence on the effect on the stage or the user; tests:
+    arguments for pytest: files, or single tests; survives: why no test needs to notice it.
     """
 
     name: str
@@ -28,7 +28,7 @@ class Change:
     survives: str = ""
 
     def changed(self, text: str) -> str:
-        """The file's text with the change. Raises ValueError where it cannot be applied."""
+        """Return the file's text with the change. Raises ValueError if it cannot be applied."""
         count = text.count(self.old)
         if count != 1:
             times = "is no longer there" if count == 0 else f"is there {count} times"
@@ -43,12 +43,12 @@ class Change:
 
 
 def room(tests: tuple[str, ...], *changes: Change) -> list[Change]:
-    """Changes that these tests should notice where they name none of their own."""
+    """Return the changes, with these tests for those that name none."""
     return [one if one.tests else Change(**(vars(one) | {"tests": tests})) for one in changes]
 
 
 def copy_project(to: Path) -> Path:
-    """The files that git knows or would add, and the compiled kernels beside them."""
+    """Copy the files that git tracks or would add, and the compiled kernels next to them."""
     listed = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
         cwd=ROOT, capture_output=True, check=True, text=True,
@@ -65,8 +65,8 @@ def copy_project(to: Path) -> Path:
 
 
 def link_tree(base: Path, to: Path) -> Path:
-    """The same files by hard links: what Python, numba and `put` write anew replaces a link and
-    leaves the base alone. So no kernel of one change is ever run by another."""
+    """Copy the tree as hard links: files that Python, numba and `put` rewrite replace a link and
+    leave the base unchanged, so no kernel of one change is ever run by another."""
     shutil.copytree(base, to, symlinks=True, copy_function=_link)
     return to
 
@@ -77,8 +77,8 @@ def _link(source: str, target: str) -> str:
 
 
 def put(tree: Path, change: Change) -> None:
-    """Apply it. The new time of the file makes tests/conftest.py drop every kernel that was
-    compiled from it, in whatever file that kernel is."""
+    """Apply the change. The new modification time of the file makes tests/conftest.py delete every
+    kernel that was compiled from it, in whatever file that kernel is."""
     path = tree / change.file
     text = change.changed(path.read_text(encoding="utf-8"))
     fresh = path.with_suffix(".new")

@@ -1,4 +1,4 @@
-"""The changes, by room."""
+"""The changes, by subject."""
 
 from tests.mutations.rooms import (
     axes,
