@@ -1,10 +1,10 @@
-"""Feed the decoders of everything that comes from outside with damaged input, and count.
+"""Fuzz the decoders of all external input with damaged data, and count findings.
 
-Each decoder runs in a process of its own, so that a crash, a hang or a swollen memory is seen from
-outside. With atheris installed (pip install atheris) inputs are guided by coverage; without it
-they are mutations of valid ones. A finding is anything but the documented refusal: another error,
-more than 5 s of processor time, more than 1 GB, or an input that was accepted and should not have
-been. The input is kept, and `--again FILE` runs it once more.
+Each decoder runs in its own process, so that crashes, hangs and excessive memory are detected from
+outside. With atheris installed (pip install atheris), coverage guides the inputs; without it, they
+are mutations of valid ones. A finding is anything but the documented refusal: another error, more
+than 5 s of processor time, more than 1 GB, or an accepted input that should have been refused. Its
+input is kept, and `--again FILE` runs it once more.
 
 example: python -m tests.fuzz --for 600               (all targets, equal shares)
          python -m tests.fuzz --only csv model --for 60

@@ -1,9 +1,9 @@
-"""Was the stage de-energised before a recording that begins at zero?
+"""The start of a recording that begins at zero is judged correctly: de-energised or not.
 
-Neither creep nor a lag changes the answer; an exercise before the recording does.
+Neither creep nor a lag changes the result; an exercise before the recording does.
 
 The stage is the simulated one, of another class than the model; the drive is a sum of sines from
-rest. The answer itself is reported, so no threshold is needed.
+rest. The result itself is reported, so no threshold is needed.
 """
 
 import numpy as np
