@@ -1,9 +1,9 @@
-"""Recovery while the log takes nothing: full, closed, slow, on a full disk, its terminal gone.
+"""Recovery when the log is unusable: full, closed, slow, on a full disk, or its terminal gone.
 
-Each run starts `dehyst run`, spoils its log, and then does two things with the output high. The
-loop is killed: seconds to a safe output, by the amplifier, and until a client's set-point is taken
-by the next loop. Then SIGTERM: seconds to a safe output, and from a new start with the same log
-until a set-point is taken.
+Each run starts `dehyst run`, makes its log unusable, and then does two things while the output is
+high. First it kills the loop and measures the seconds until the amplifier reaches a safe output,
+and until the next loop accepts a client's set-point. Then it sends SIGTERM and measures the seconds
+until a safe output, and from a new start with the same log until a set-point is accepted.
 
 example: python -m tests.benchmarks.daemon.bad_logs             (5 runs of each log)
          python -m tests.benchmarks.daemon.bad_logs --runs 1 --only "a slow reader"

@@ -1,12 +1,13 @@
-"""The chaos test with its full times, as a table: what was done, what happened, how long it took.
+"""The chaos test with its full times, as a table: the fault, the reaction, and its duration.
 
 example: python -m tests.benchmarks.daemon.chaos            (all of it: about three minutes)
          python -m tests.benchmarks.daemon.chaos kill_core unplug
          python -m tests.benchmarks.daemon.chaos --axes 3
          python -m tests.benchmarks.daemon.chaos --units     (the other serial amplifiers)
 
-With --axes 3 the same is done to the axis x of three, beside what only several axes have: y plays
-on a trajectory of its own, z stands, and the amplifier's log of every channel is judged.
+With --axes 3, the faults hit axis x of three axes, and faults that only several axes can have are
+added: y plays its own trajectory, z holds its position, and the amplifier's log of every channel is
+judged.
 """
 
 import argparse

@@ -1,15 +1,15 @@
 """Command fuzzing with device faults, kills and reloads, judged by the amplifier's own log.
 
-Two clients send good, wrong and damaged commands to a real daemon on the emulated bench while
-devices fail, processes are stopped and killed, and the model file is exchanged. Range and slew
-(over every window, of whatever length) are read from the emulator's log of its output.
+Two clients send valid, wrong and damaged commands to a real daemon on the emulated bench while
+devices fail, processes are stopped and killed, and the model file is replaced. Range and slew (over
+every window of any length) are read from the emulator's log of its output.
 
 example: python -m tests.benchmarks.daemon.command_fuzz --for 3600
          python -m tests.benchmarks.daemon.command_fuzz --for 60 --seed 7
          python -m tests.benchmarks.daemon.command_fuzz --for 600 --axes 3
 
-With --axes 3 two clients do so to the axis x and two to the axis y of one amplifier; nobody
-commands z, whose output must not move at all.
+With --axes 3, two clients do this to axis x and two to axis y of one amplifier; no client commands
+z, whose output must not move at all.
 """
 
 import argparse

@@ -1,14 +1,14 @@
-"""The inverse's modes in the running daemon, from telemetry alone, beside the offline figure.
+"""The inverse's modes in the running daemon, from telemetry alone, compared with an offline run.
 
     python -m tests.benchmarks.daemon.inverse_modes [--for SECONDS] [--modes static,preview]
 
 The core and the gateway run as processes on the in-process simulated stage at 200 Hz, with rate
 dependence and a lag of the amplifier. The model is identified from the stage's own recording;
-"linear" is a straight line through that recording. The stage does not creep here and its loops are
-symmetric: creep moves its zero by half a micrometre within the run, equally in all modes, and a
-residual that the model cannot represent would hide the differences between the modes. `dehyst play`
-streams sines; the error is that of the reading against the target in the same record, for which the
-voltage one period before was computed. Offline, Compensator and SimulatedStage.run do the same
+"linear" is a straight line through that recording. The stage has no creep here and its loops are
+symmetric: creep would move its zero by half a micrometre within the run, equally in all modes, and
+a residual that the model cannot represent would hide the differences between the modes. `dehyst
+play` streams sines; the error is the reading minus the target in the same record, for which the
+voltage was computed one period before. Offline, Compensator and SimulatedStage.run do the same
 without a daemon. Exit status 1 unless preview is clearly better than linear and static in the
 daemon, and every two modes that clearly differ offline differ in the same direction there.
 """

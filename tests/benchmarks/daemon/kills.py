@@ -1,9 +1,9 @@
 """Random kills and stops of core, gateway, both, client and `safe` while a trajectory runs.
 
-A kill is SIGKILL; a stop is SIGSTOP for 0.2 to 5 s, then SIGCONT. Recovery: from the kill, or the
-end of the stop, until fresh samples of the trajectory reach a client again. Behind it: what the
-dead man's path takes, supervisor and core killed at once while the output is high. The amplifier's
-own log is the witness of the output, the process table that of orphans.
+A kill is SIGKILL; a stop is SIGSTOP for 0.2 to 5 s, then SIGCONT. The recovery time is measured
+from the kill, or from the end of the stop, until fresh samples of the trajectory reach a client
+again. Last, the dead man's path is timed: supervisor and core are killed at once while the output
+is high. The amplifier's own log is the evidence for the output, the process table for orphans.
 
 example: python -m tests.benchmarks.daemon.kills            (100 of them: about 20 minutes)
          python -m tests.benchmarks.daemon.kills --count 6 --seed 3

@@ -1,11 +1,12 @@
-"""Trim and learning on the simulated stage as it is by default, by the true displacement.
+"""Trim and learning on the simulated stage with its default settings, by the true displacement.
 
     python -m tests.benchmarks.daemon.learning [--rows sines trim models faults cost] [--passes N]
 
-In this process at 1 kHz, through the same step as in the daemon: sines, a raster and a staircase
-learned from pass to pass; trim alone on random motion and on a staircase of dwells; three models;
-faults of gauge, stage and loop; what a pass costs to learn. learning_diagnosed.py checks the
-diagnosis of such recordings, and learning_through_serial.py plays from another process.
+Everything runs in this process at 1 kHz, through the same step as in the daemon: sines, a raster
+and a staircase learned from pass to pass; trim alone on random motion and on a staircase of dwells;
+three models; faults of gauge, stage and loop; the computing time of learning from a pass.
+learning_diagnosed.py checks the diagnosis of such recordings, and learning_through_serial.py plays
+from another process.
 """
 
 import argparse

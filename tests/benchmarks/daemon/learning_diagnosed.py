@@ -1,5 +1,4 @@
-"""Does the diagnosis find in a recording made with trim, or while learning, what it finds in one
-without?
+"""Check that trim and learning do not change what the diagnosis finds in a recording.
 
     python -m tests.benchmarks.daemon.learning_diagnosed [--seeds N] [--first SEED]
         [--effects creep ...] [--kept FILE]

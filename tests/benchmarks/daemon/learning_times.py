@@ -1,12 +1,12 @@
-"""What is left when learning through a serial amplifier, taken apart in this process.
+"""Separate the causes of the residual error when learning through a serial amplifier.
 
     python -m tests.benchmarks.daemon.learning_times [--passes N]
 
-The simulated stage runs at 200 Hz, with the output set and the gauge read as long after the
-deadline as by the emulated MDT693B and KSG101, with and without their jitter, the stage with and
-without its 780 Hz mode, the gauge with and without its filter of 150 us, its filter declared or
-not. Printed is the standard deviation of the true error, of the first pass and (median) of the last
-ones; for the last ones also the part that repeats from pass to pass.
+The simulated stage runs at 200 Hz in this process, with the output set and the gauge read as long
+after the deadline as by the emulated MDT693B and KSG101. The variants are with and without their
+jitter, the stage with and without its 780 Hz mode, the gauge with and without its filter of 150 us,
+and its filter declared or not. Printed is the standard deviation of the true error, of the first
+pass and (median) of the last ones; for the last ones also the part that repeats from pass to pass.
 """
 
 import argparse

@@ -1,13 +1,13 @@
-"""One `dehyst play` from the beginning to the end, while six models change, a gateway is killed and
-a core is reloaded: real processes, the emulated MDT693B, real zenoh on loopback.
+"""One uninterrupted `dehyst play` while six models change, a gateway is killed and a core is
+reloaded: real processes, the emulated MDT693B, real zenoh on loopback.
 
     python -m tests.benchmarks.daemon.long_scan                 (an hour)
     python -m tests.benchmarks.daemon.long_scan --minutes 5
 
-Held against: the play comes to its end, each of its samples was played or is counted as a missed
-deadline of this machine, no window of the amplifier's own log holds more than slew x time and one
-step. Printed: what was flagged from one change to the next. The play's own exit status is 1,
-because the shorter reach leaves points out of reach.
+Required: the play ends, each of its samples was played or is counted as a missed deadline of this
+machine, and no window of the amplifier's own log exceeds slew x time plus one step. It prints what
+was flagged between changes. The exit status of the play itself is 1, because the shorter reach
+leaves points out of reach.
 """
 
 import argparse

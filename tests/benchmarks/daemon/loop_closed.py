@@ -1,10 +1,10 @@
-"""The loop closed: track, diagnose from that recording, load the augmented model, track again.
+"""The full cycle: track, diagnose from that recording, load the augmented model, track again.
 
     python -m tests.benchmarks.daemon.loop_closed [--effects creep,lag] [--json FILE]
 
-On the simulated stage (Maxwell-slip hysteresis, its own equations for every effect). The model is
-identified with hysteresis alone from an open-loop recording of the same disturbed stage; both
-recordings go into the diagnosis. The errors are of the true displacement against the target on a
+It runs on the simulated stage (Maxwell-slip hysteresis, its own equations for every effect). The
+model is identified with hysteresis alone from an open-loop recording of the same disturbed stage;
+both recordings go into the diagnosis. The errors are the true displacement minus the target on a
 trajectory that was not diagnosed; the same compensator class runs both models, with the same
 look-ahead. A lag of the sensor must not be compensated: the true displacement stays correct.
 """

@@ -2,8 +2,8 @@
 
     python -m tests.benchmarks.daemon.other_files
 
-Every file of $DEHYST_DATA/public-cases, and one of each kind that the program or library itself
-writes. Prints a table and its bars; ends with 0, 1 or 77 as tests/benchmarks/bars.py says.
+It reads every file of $DEHYST_DATA/public-cases, and one of each kind that the program or library
+itself writes. It prints a table and its bars; for the exit status see tests/benchmarks/bars.py.
 """
 
 import io

@@ -1,9 +1,9 @@
-"""Processor use of the page's server: telemetry at 10 kHz; no, one and ten browsers.
+"""Processor time of the page's server: telemetry at 10 kHz with no, one and ten browsers.
 
     python -m tests.benchmarks.daemon.page [--rate 10000] [--for 20]
 
-A browser views 10 s on 1000 pixels, in the last line each views a different length of time. The
-processor time is the process's own, as the kernel counts it.
+A browser views 10 s on 1000 pixels; in the last line each views a different length of time. The
+kernel counts the processor time of the server's process.
 """
 
 import argparse

@@ -1,9 +1,9 @@
-"""`dehyst record` at 10 kHz: is every sample in the file, and are the files the same?
+"""Check `dehyst record` at 10 kHz: every sample is in the file, and all kinds of file agree.
 
     python -m tests.benchmarks.daemon.record_rate [--rate 10000] [--seconds 20]
 
-The real loop on the simulated stage, the real gateway, and one recorder for each kind of file at
-once, each a process. The .mcap is read back by its format's own reader.
+The real loop on the simulated stage, the real gateway, and one recorder for each kind of file run
+at the same time, each in its own process. The .mcap is read back by the reader of that format.
 """
 
 import argparse

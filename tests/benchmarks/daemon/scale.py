@@ -1,8 +1,8 @@
-"""Many controllers and many subscribers through one router: what is lost, and what it costs.
+"""Many controllers and many subscribers through one router: data loss and cost.
 
-What runs and what is counted stands in tests/rigs/controllers.py. Age is from the loop's wake-up
-to the subscriber's hands and holds half a batch on average. Memory is the proportional set size
-(PSS): what processes share counts once.
+tests/rigs/controllers.py documents what runs and what is counted. The age of a sample is measured
+from the loop's wake-up to its reception by the subscriber and includes half a batch on average.
+Memory is the proportional set size (PSS), which counts shared memory once.
 
 example: python -m tests.benchmarks.daemon.scale --daemons 20 --subscribers 50 --for 60
 """

@@ -1,4 +1,4 @@
-"""The demo's second act over many seeds: flagged, named, compensated, and no wrong model kept.
+"""The demo's second act over many seeds: flag, name and compensate an effect, keep no wrong model.
 
     python -m tests.benchmarks.daemon.second_act [--seeds 30] [--first 1] [--only SEED ...]
                                                  [--busy CORES] [--json FILE] [--keep DIR]

@@ -1,5 +1,4 @@
-"""Three axes that move each other: path errors with linear gains, compensated, with coupling
-compensated, and learned.
+"""Path errors of three coupled axes: linear, compensated, with coupling compensated, and learned.
 
     python -m tests.benchmarks.daemon.three_axes [--passes N]
 

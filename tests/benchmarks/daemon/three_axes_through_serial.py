@@ -1,14 +1,14 @@
-"""Three axes end to end: identified over serial, then a raster and a Lissajous figure played from
-another process, through an emulated MDT693B and three emulated KSG101.
+"""Three axes end to end: identified and then played from another process, over emulated serial.
 
     python -m tests.benchmarks.daemon.three_axes_through_serial [--passes N] [--seconds S]
 
-It runs the unchanged `dehyst acquire`, `identify`, `scan` and `play`, each in its own process; the
-daemon once with a straight line for each axis, once with the models without their coupling, once
-with it, and once more with learning. The error is that of the true displacement, which the emulated
-bench logs at each reading; z is commanded to hold throughout. Cross-talk is the change in z when
-the others move: its displacement while they follow the figure, minus that while they hold for the
-same time before and after, which creep and trim leave.
+It runs the unchanged `dehyst acquire`, `identify`, `scan` and `play`, each in its own process,
+through an emulated MDT693B and three emulated KSG101, and plays a raster and a Lissajous figure.
+The daemon runs once with a straight line for each axis, once with the models without their
+coupling, once with it, and once more with learning. The error is that of the true displacement,
+which the emulated bench logs at each reading; z is commanded to hold throughout. Cross-talk is the
+change in z when the others move: its displacement while they follow the figure, minus that while
+they hold for the same time before and after, which creep and trim leave.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Is every trial of an offered model judged, and correctly, however the stage is moved?
+"""Check that every trial of an offered model is judged, and correctly, however the stage is moved.
 
     python -m tests.benchmarks.daemon.trials
 

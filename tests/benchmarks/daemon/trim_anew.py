@@ -1,12 +1,12 @@
-"""Is the stage on its target again after deaths of its loop and after a gauge that came back?
+"""Check that the stage returns to its target after its loop has died, and after a gauge fault ends.
 
     python -m tests.benchmarks.daemon.trim_anew
 
-It uses the trimmed simulated stage in this process, in samples' time. The loop dies twenty times,
-each time after 4 s of motion anywhere in the reach, and the reading afterwards is right or off by a
-share of the reach, like a gauge that warms up or was bumped. Then a gauge drifts by 3 um in 30 s
-and jumps back to the truth. Bar: within 0.03 um of the target (of the gauge's own zero), not
-frozen.
+It uses the trimmed simulated stage in this process, with time counted in samples. The loop dies
+twenty times, each time after 4 s of motion anywhere in the reach; the reading afterwards is correct
+or off by a fraction of the reach, like a gauge that warms up or was bumped. Then a gauge drifts by
+3 um in 30 s and jumps back to the truth. Bar: within 0.03 um of the target (of the gauge's own
+zero), not frozen.
 """
 
 import sys

@@ -1,11 +1,12 @@
-"""Does the 95 % interval hold on other rates and waveforms than a model was identified from?
+"""Check that the 95 % interval holds on other rates and waveforms than those identified from.
 
     python -m tests.benchmarks.models.coverage [real round-1 round-2 proof] [--stages 40] [--two]
 
-A model from one recording of a stage (--two: and its last one but the proof's, which is held back),
-and the rows of every other recording of the same stage that its interval holds. Rows that it says
-nothing of (outside of its validity, or slower than it was ever driven) are counted apart.
-Recordings and opened rounds are looked for in $DEHYST_DATA.
+It identifies a model from one recording of a stage and counts the rows of every other recording of
+the same stage that are within its interval. With --two it also identifies from the last recording
+(for the proof from the last but one, because the last is held back). Rows to which the interval
+does not apply (outside the validity, or slower than any recorded drive) are counted separately.
+Recordings and opened rounds are read from $DEHYST_DATA.
 """
 
 import argparse

@@ -1,11 +1,11 @@
-"""Digests of what the numerics give, to be compared before and after a change that must not show.
+"""Digests of numerical results, to compare before and after a change that must not alter them.
 
     python -m tests.benchmarks.models.digests > before.txt
     python -m tests.benchmarks.models.digests --only forward static
 
-One line a section: its name, how many arrays went into it and the SHA-256 of their bytes. Two
-versions that agree to the last bit print the same lines. Random models are by seed
-(tests.rigs.random_models); recordings and round 1 come from $DEHYST_DATA, else ../shared.
+It prints one line per section: its name, the number of arrays and the SHA-256 of their bytes.
+Versions that agree to the last bit print the same lines. Random models are generated from seeds
+(tests.rigs.random_models); recordings and round 1 are read from $DEHYST_DATA, else ../shared.
 """
 
 import argparse

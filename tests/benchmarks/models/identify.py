@@ -1,8 +1,8 @@
-"""Identification in numbers: accuracy, speed, the paper's experiments, real recordings, faults.
+"""Figures of identification: accuracy, speed, the paper's experiments, real recordings, faults.
 
     python tests/benchmarks/models/identify.py [accuracy speed length paper real faults]
 
-Prints one table each. `speed` takes several minutes, nearly all of it for the paper's method.
+It prints one table each. `speed` takes several minutes, nearly all of it for the paper's method.
 """
 
 import sys

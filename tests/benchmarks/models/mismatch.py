@@ -1,18 +1,18 @@
-"""The mismatch watch on the simulated stage: false flags while nothing is wrong, and how soon a
+"""The mismatch watch on the simulated stage: false flags without a change, and the time until a
 change that adds twice (or n times) the noise is flagged.
 
-The model is identified from one recording of the stage and knows neither its creep nor its mode.
-Then the stage is driven through the compensator on a simulated clock, an hour in each kind of
-motion (KINDS), and the watch sees what the gateway would. A change is added to the readings from a
-moment on, every 60 s anew on a copy of the watch once it has learned; its rms over the next 10 s is
-the given multiple of the noise. What was found is counted apart for the first half of the run and
-the second, because the watch goes on learning. Where the stage hardly moves there is nothing to see
-of gain, creep and resonance: those moments are left out.
+The model is identified from one recording of the stage and contains neither its creep nor its mode.
+The compensator drives the stage on a simulated clock, an hour in each kind of motion (KINDS), and
+the watch gets what the gateway would give it. Once the watch has learned, a change is added to the
+readings every 60 s, each time on a copy of the watch; its rms over the next 10 s is the given
+multiple of the noise. Detections are counted separately for the first and the second half of the
+run, because the watch continues to learn. Gain, creep and resonance are not judged where the stage
+hardly moves, because they are invisible there.
 
-Seeds below 140 are for tuning, the others for what is reported.
+Seeds below 140 are for tuning, the others for reported results.
 
---quick: the stage without its RC corner and its mode, which are over within two samples but cost
-most of the time, commanded by a static inverse of the model instead of the compensator.
+--quick: the stage without its RC corner and its mode, which decay within two samples but cost most
+of the time, commanded by a static inverse of the model instead of the compensator.
 
 example: python -m tests.benchmarks.models.mismatch            (a minute or two for each kind)
          python -m tests.benchmarks.models.mismatch --quick    (ten seconds for each kind)

@@ -1,8 +1,9 @@
-"""Recordings outside of the class, ordinary ones, and one rate against two: what identify says.
+"""What identification reports for recordings outside its class, ordinary ones, and one or two
+rates.
 
     python -m tests.benchmarks.models.outside [outside ordinary proof slow lags] [--number 40]
 
-Prints a table and its bars; ends with 0 or 1 as tests/benchmarks/bars.py says.
+It prints a table and its bars; the exit status is 0 or 1, see tests/benchmarks/bars.py.
 """
 
 import argparse

@@ -1,9 +1,9 @@
-"""Does a model from one recording predict the next one? Other waveforms, sizes and rates.
+"""Prediction of the next recording by a model from one: other waveforms, sizes and rates.
 
     python -m tests.benchmarks.models.prediction [paper peer bias real static band turns public]
 
-Prints a table for each part and, last, its bars; ends with 0, 1 or 77 as tests/benchmarks/bars.py
-says. Real recordings are looked for in $DEHYST_DATA.
+It prints a table for each part and, last, its bars; for the exit status see
+tests/benchmarks/bars.py. Real recordings are read from $DEHYST_DATA.
 """
 
 import sys

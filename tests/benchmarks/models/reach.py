@@ -1,6 +1,8 @@
-"""Reach said against reach simulated, over random cascades of every physics and over model files.
+"""Compare the predicted reach with the simulated one, over random cascades and model files.
 
 python -m tests.benchmarks.models.reach [--count 2000] [--first 0] [MODEL.toml ...]
+
+The random cascades contain every physics.
 """
 
 import argparse

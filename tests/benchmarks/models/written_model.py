@@ -1,13 +1,13 @@
-"""Does the model that a diagnosis writes predict a recording of a round that was kept back?
+"""Check that the model that a diagnosis writes predicts a held-out recording of a round.
 
     python -m tests.benchmarks.models.written_model ../shared/concealed/round-2
 
-One recording of each stage is kept back, in turn with the case's number; the proof has recordings
-of its own for that. Errors are in rms of the noise, as `dehyst simulate` has them, about their
-mean. With --keep each case is a line of that file, and the bars are of all its lines. Ends as
-tests/benchmarks/bars.py says: better in 92 % of the stages with a named effect of the drive or the
-stage; worse by more than the noise in none; never `explained` with more than 1.5 noises left; the
-rms that is stated within 1 % of that of the written model.
+One recording of each stage is held out, chosen in turn by the number of the case; the proof has
+separate recordings for that. Errors are in rms of the noise, as computed by `dehyst simulate`,
+about their mean. With --keep, each case is a line of that file, and the bars cover all its lines.
+For the exit status see tests/benchmarks/bars.py. Bars: better in 92 % of the stages with a named
+effect of the drive or the stage; worse by more than the noise in none; never `explained` with more
+than 1.5 noises left; the stated rms within 1 % of that of the written model.
 """
 
 import argparse

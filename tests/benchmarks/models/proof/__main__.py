@@ -1,14 +1,14 @@
-"""Judge the diagnosis on its own stages, and print the tables and the bars.
+"""Judge the diagnosis on the proof's own stages, and print the tables and the bars.
 
     python -m tests.benchmarks.models.proof                         all cases, a new seed
     python -m tests.benchmarks.models.proof --families past shape --count 20 --seed 7
-    python -m tests.benchmarks.models.proof --seed 7 --keep out/proof/7.jsonl    goes on there
+    python -m tests.benchmarks.models.proof --seed 7 --keep out/proof/7.jsonl    continues there
     python -m tests.benchmarks.models.proof --seed 7 --case past-3  its picture and its words
 
-Every case follows from the seed and its own name. With --keep each case is a line (truth, answer,
-score, seconds) of that file, and cases that the same version of the code put there are not run
-again. Exit 1 where a bar is missed. A run of the whole proof says what the tool makes of the real
-recordings too.
+Every case follows from the seed and its own name. With --keep, each case is a line (truth, answer,
+score, seconds) of that file, and cases that the same version of the code has stored there are not
+run again. The exit status is 1 if a bar is missed. A run of the whole proof also reports the tool's
+findings on the real recordings.
 """
 
 import argparse
