@@ -31,7 +31,7 @@ class ProbableStructure:
     noise: float
 
 
-Strengths = tuple[float, float]  # of the prior, and the rate's share of it
+Strengths = tuple[float, float]  # of the prior, and its rate_share
 
 
 def maximise_evidence(trial: Trial, shape: Shape, noise: float | None = None) -> ProbableStructure:

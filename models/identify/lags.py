@@ -53,8 +53,8 @@ class LagSearch:
         """
         without = {loose: self._misfit(None, loose) for loose in (True, False)}
         delay = self._find_delay(without[True], without[True] * (1.0 - TUNING.trace))
-        # the bounded fit must beat the one without a lag, and be a third of the clear margin below
-        # the held-out error of the free operators
+        # the bounded fit must beat the one without a lag, and the held-out error of the free
+        # operators by a third of the margin (TUNING.minor) that the final decision requires
         known = float(self.candidate.held.sum())
         near = 1.0 - TUNING.minor / 3.0
         enough = min(without[False] * (1.0 - TUNING.trace), near * known)

@@ -41,7 +41,7 @@ class Search:
         tried: list[TriedStructure] = []
         for number, offset in enumerate(self.setup.offsets):
             shapes = self.wanted
-            if number and offset != self.setup.running:  # a static model is the same about any
+            if number and offset != self.setup.running:  # no offset in a static model
                 shapes = [s for s in shapes if s.rate or 2 not in s.powers]
                 shapes = [s for s in shapes if s.rate or self.setup.running is not None]
             tried += self._try(shapes, offset, None)
@@ -131,7 +131,7 @@ class Search:
 
     def _is_no_place(self, static: TriedStructure, rate: TriedStructure) -> bool:
         """Return whether the rate predicts more than a static stage with as many unknowns, whose
-        slopes depend on the place; also true if the rate removes a third or more of the static
+        slopes depend on the place; also true if the rate removes more than a third of the static
         misfit."""
         if rate.held.sum() < TUNING.most * static.held.sum():
             return True
@@ -168,7 +168,8 @@ class Search:
         return without
 
     def _find_lags(self, tried: Sequence[TriedStructure]) -> list[TriedStructure]:
-        """Return candidates with linear dynamics, for recordings in which the rate varies."""
+        """Return candidates with linear dynamics if the drive has a rate; none for a structure that
+        predicts far worse than the best."""
         out: list[TriedStructure] = []
         least = min(c.held_rms for c in tried)
         for best in self._bests(tried):
@@ -225,7 +226,7 @@ class PlaceTrial(Trial):
     """Trial with slopes that depend on the place of an operator, not on the rate.
 
     The residual of a static hysteresis of another class correlates with place and with rate alike,
-    because a drive passes each place at a typical rate. The rate has to predict more than a static
+    because a drive passes each place at its own rate. The rate has to predict more than a static
     stage with as many unknowns does: a Preisach plane whose density changes along its diagonal.
     """
 

@@ -14,13 +14,14 @@ class Tuning(NamedTuple):
     crumb: float = 0.02  # negligible: a smaller gain in prediction is not worth a larger model
     small: float = 0.05  # may still be due to chance or to an unknown start
     minor: float = 0.1  # large enough to be reported or to decide
-    quarter: float = 0.25  # of a misfit: a wrong start costs 0.3 and more, a true one up to 0.16
+    quarter: float = 0.25  # of the misfit beyond noise: another start removes at most 0.16 of it
+    # if the start is right, mostly 0.3 and more if not; also of the noise and of the stroke
     half: float = 0.5  # the larger part: a model that explains less explains too little
     most: float = 0.667  # of a power: if no more remains, the gain is plain without a test
     # ratios
     near: float = 1.3  # nearly equal: the error grows by this on another waveform
     twice: float = 2.0  # of an expected error: worse than it should be
-    far: float = 4.0  # of a typical value: of another kind, no longer the same thing
+    far: float = 4.0  # of a typical value: too far off to be of the same kind
     # deviations
     sure: float = 2.0  # standard errors: more than chance, if the gain shows in prediction
     certain: float = 5.0  # standard errors, or log odds: required if nothing else supports it
@@ -30,7 +31,7 @@ class Tuning(NamedTuple):
     most_rows: int = 2_000_000  # rows of a recording; a longer one is used in stretches, for time
     long_gap: float = 5.5  # sampling periods: in a longer gap the drive may have reversed unseen;
     # not a whole number, because gaps are whole periods
-    slow_s: float = 0.5  # seconds: rows this far apart are slow; a drive that holds longer rests
+    slow_s: float = 0.5  # seconds: rows this far apart are slow; a drive held longer is at rest
     longest_lag_s: float = 10.0  # seconds, of any lag or delay: longer ones are creep or drift
     # the search
     rows_compared: int = 12_000  # rows for the choice of structure, which takes hundreds of fits

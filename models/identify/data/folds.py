@@ -41,7 +41,7 @@ def assign_pieces(
     kinds = np.flatnonzero(counts)
     sizes = counts[kinds]
     folds = int(min(TUNING.folds, kinds.size))
-    if folds < min(2, parts) + 1:  # the drive repeats one segment: use parts in time
+    if folds < min(2, parts) + 1:  # too few different parts: use parts in time
         count = TUNING.folds * TUNING.pieces
         for one in rows:
             step = max(1, -(-one.u.size // (2 * count)))

@@ -49,7 +49,7 @@ def take_stretches(recording: Recording, most: int = TUNING.most_rows) -> Taken:
     if size <= most or np.isnan(recording.drive).all():
         return Taken(recording, size)
     span = float(np.nanmax(recording.drive) - np.nanmin(recording.drive))
-    # the most stretches first, as they represent more of the recording; halving their number
+    # the most stretches first, as they spread over more of the recording; halving their number
     # doubles their length, in which a slower drive can cover its range
     for count in (4, 2, 1):
         each = most // count
