@@ -27,14 +27,14 @@ class Outputs:
         self.n, self.back = n, back
         self._kept: dict[int, Floats] = {}  # (3, n) by pass: volts, written, read [s]
 
-    def put(self, of_pass: int, samples: NDArray[Any], place: Numbers) -> None:
+    def put(self, pass_number: int, samples: NDArray[Any], place: Numbers) -> None:
         """Store samples of a pass."""
-        kept = self._kept.setdefault(of_pass, np.full((3, self.n), np.nan))
+        kept = self._kept.setdefault(pass_number, np.full((3, self.n), np.nan))
         read_s = samples["actual_ns"] * 1e-9  # the gauge is read first, the output is set last
         kept[0, place] = np.where(samples["flags"] & int(UNUSABLE), np.nan, samples["volts"])
         kept[1, place], kept[2, place] = read_s + samples["exec_us"] * 1e-6, read_s
 
-    def of_pass(self, number: int) -> tuple[Floats, Floats]:
+    def steps_of_pass(self, number: int) -> tuple[Floats, Floats]:
         """Return the (n, back) output steps before each reading, newest first, and how long before
         it each was set [s]. NaN if unknown. The previous pass is discarded."""
         nothing = np.full((3, self.n), np.nan)
@@ -99,16 +99,16 @@ class LessonTaker:
         number = np.round((samples["scheduled_ns"] - self.start_ns) / self._period_ns).astype(int)
         mine = (number >= 0) & np.isfinite(samples["target"])
         samples, number = samples[mine], number[mine]
-        for of_pass in np.unique(number // self.n).tolist():
-            if of_pass >= self._done:
-                here = number // self.n == of_pass
-                self._put(int(of_pass), samples[here], number[here] % self.n)
+        for pass_number in np.unique(number // self.n).tolist():
+            if pass_number >= self._done:
+                here = number // self.n == pass_number
+                self._put(int(pass_number), samples[here], number[here] % self.n)
         while number.size and number[-1] >= (self._done + 1) * self.n - 1:
             self._finish()
 
-    def _put(self, of_pass: int, samples: NDArray[Any], place: Numbers) -> None:
-        error = self._error.setdefault(of_pass, np.full(self.n, np.nan))
-        held = self._held.setdefault(of_pass, np.zeros(self.n, np.bool_))
+    def _put(self, pass_number: int, samples: NDArray[Any], place: Numbers) -> None:
+        error = self._error.setdefault(pass_number, np.full(self.n, np.nan))
+        held = self._held.setdefault(pass_number, np.zeros(self.n, np.bool_))
         good = (samples["flags"] & int(UNUSABLE)) == 0
         # if the loop held the axes of a group, point 0 is later than last reported
         good &= np.abs(samples["target"] - self._targets[place]) <= self._step
@@ -116,7 +116,7 @@ class LessonTaker:
         error[place] = np.where(good, samples["measured"] - self._expected[place], np.nan)
         self._trimmed = bool(samples["trim"][-1])
         if self._late is not None:
-            self._outputs.put(of_pass, samples, place)
+            self._outputs.put(pass_number, samples, place)
 
     def _finish(self) -> None:
         """Evaluate a complete pass and pass it to the learner."""
@@ -129,11 +129,11 @@ class LessonTaker:
         if held.any() and fresh.any():  # interpolate between readings of a slower gauge
             places = np.arange(self.n)
             error[held] = np.interp(places[held], places[fresh], error[fresh])
-        anew = False
+        error_redefined = False
         if self._late is not None and not held.any():
-            ahead = self._late.take(error - used, *self._outputs.of_pass(self._done - 1))
-            error, anew = error + ahead, self._late.anew
-        outcome = self.learner.take(Pass(error, used, self._trimmed, anew))
+            ahead = self._late.take(error - used, *self._outputs.steps_of_pass(self._done - 1))
+            error, error_redefined = error + ahead, self._late.error_redefined
+        outcome = self.learner.take(Pass(error, used, self._trimmed, error_redefined))
         if np.isfinite(error).any():
             self.errors = [*self.errors[:1], error]
         self._old = self._in_force()

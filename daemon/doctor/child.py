@@ -19,10 +19,10 @@ def examine_case(folder: str, memory_gb: float) -> None:
     from dehyst.daemon.files import cases
 
     place = Path(folder)
-    cases.put_record(place, cases.EXAMINED, examined_or_why(place, memory_gb, examine))
+    cases.put_record(place, cases.EXAMINED, examine_or_explain(place, memory_gb, examine))
 
 
-def examined_or_why(
+def examine_or_explain(
     place: Path, memory_gb: float, examine: "Callable[[Path], Examined]"
 ) -> "Examined":
     """Return the result of the examination, or the reason why it failed."""

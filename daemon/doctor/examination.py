@@ -27,19 +27,19 @@ from dehyst.daemon.files.recordings import read_recording
 from dehyst.models import diagnosis
 from dehyst.models.cascade.reach import displacement_range
 from dehyst.models.change.causes import WeighedCause, find_causes, weigh_causes
-from dehyst.models.change.led import lead_in, without_lead
+from dehyst.models.change.lead import blank_lead, drop_lead
 from dehyst.models.change.naming import (
     ChangeResiduals,
     add_rivals,
     explains_all,
     find_one_change,
     is_of_sensor,
-    off_the_gauge,
+    move_sensor_blocks,
     pick_models,
     rank_findings,
     state_one_change,
 )
-from dehyst.models.change.replay import BothReplayed, keep_zero, replay_both
+from dehyst.models.change.replay import ReplayComparison, keep_zero, replay_both
 from dehyst.models.diagnosis import Finding
 from dehyst.models.errors import BadInput, DehystError
 from dehyst.models.identify.validation import validate
@@ -80,7 +80,7 @@ def examine(folder: Path) -> Examined:
     valid = model.validity
     reach = displacement_range(model, valid.drive_min, valid.drive_max)
     fault = "the gauge is stuck" if case.figure == "stuck" else ""
-    fault = find_gauge_fault(without_lead(whole, lead_s), model, reach) or fault
+    fault = find_gauge_fault(drop_lead(whole, lead_s), model, reach) or fault
     if fault:
         return Examined(
             verdict=GAUGE,
@@ -88,7 +88,7 @@ def examine(folder: Path) -> Examined:
             "reader first.",
             unit=model.displacement_unit,
         )
-    flagged, good = lead_in(whole, lead_s), _read(folder, cases.GOOD, case)
+    flagged, good = blank_lead(whole, lead_s), _read(folder, cases.GOOD, case)
     moved = find_moved_zero(flagged, model, good)
     if moved:
         return Examined(
@@ -130,12 +130,12 @@ def _conclude(
     when_good = validate(model, seen.good).rms if seen.good is not None else -1.0
     noise2 = details.noise**2
     findings = rank_findings(details.findings, seen.causes, LEAST * before**2, noise2)
-    verdict, models, beside = details.verdict, [found.model], ""
+    verdict, models, report_text = details.verdict, [found.model], ""
     left = _left(model, found.model, when_good, details.noise, seen)
     one = find_one_change(findings, seen.causes, left)
     if one is not None:  # it alone explains all or most of what is new
         whole = explains_all(one, left)
-        beside = _describe_report(findings, whole)
+        report_text = _describe_report(findings, whole)
         findings = [state_one_change(one, seen.causes, left, findings[0])]
         verdict, models = "explained", [] if whole else models
     elif findings:
@@ -148,7 +148,7 @@ def _conclude(
     elif named and seen.later is None:
         why = "No model is offered, because no telemetry arrived on which it could be tested."
     elif named and seen.later is not None:
-        models = [off_the_gauge(m, named, seen.causes, noise2) for m in models]
+        models = [move_sensor_blocks(m, named, seen.causes, noise2) for m in models]
         models = [*pick_models(named[0], seen.causes, noise2), *models]
         offered, tested, why = _try(case, model, models, seen.later, details.noise)
     if offered is not None:
@@ -157,7 +157,7 @@ def _conclude(
     says = [
         _describe_findings(findings, verdict, (before, after, details.unit), offered is not None),
         *_describe_when_good(when_good, before, details.unit),
-        *(text for text in (beside, why) if text),
+        *(text for text in (report_text, why) if text),
     ]
     unsure = tested is None and not of_sensor and verdict != "clean"
     pair = next(((f.name, other) for f in named[:1] for other in f.ambiguous_with), None)
@@ -235,7 +235,7 @@ def _read(folder: Path, name: str, case: Case) -> Recording | None:
         one = read_recording(folder / name, need_displacement=True)
     except DehystError:
         return None
-    return lead_in(one, case.leads.get(name, 0.0))
+    return blank_lead(one, case.leads.get(name, 0.0))
 
 
 def _try(
@@ -243,7 +243,7 @@ def _try(
 ) -> tuple[Model | None, OfferTest | None, str]:
     """Return (the model that did best on the later telemetry, its test, the reason if none is
     offered)."""
-    tried: list[tuple[BothReplayed, Model]] = []
+    tried: list[tuple[ReplayComparison, Model]] = []
     why = ""
     for one in models:
         try:

@@ -66,7 +66,7 @@ class Doctor:
                 if self._ending:
                     return  # it is examined again after the next start
                 spent_s = (clock.monotonic_ns() - begun_ns) / clock.NS
-                if why := why_over(limits.time_s, spent_s, processor_s(child.pid or 0)):
+                if why := why_to_stop(limits.time_s, spent_s, processor_s(child.pid or 0)):
                     break
         finally:
             child.kill()
@@ -75,7 +75,7 @@ class Doctor:
         if (folder / cases.EXAMINED).exists():
             log.info("%s: examined, in %.0f s", folder.name, spent_s)
         else:
-            why = why or end_of(child.exitcode)
+            why = why or describe_exit(child.exitcode)
             says = f"The recording could not be diagnosed: {why}."
             log.warning("%s: not examined, after %.0f s: %s", folder.name, spent_s, why)
             try:
@@ -85,7 +85,7 @@ class Doctor:
                 self._stop.wait(10.0)  # the disk may be full: try again later
 
 
-def end_of(code: int | None) -> str:
+def describe_exit(code: int | None) -> str:
     """Return how the child ended, in words. A child that ran out of its own memory has reported
     that itself."""
     if code is None or code >= 0:
@@ -99,7 +99,7 @@ def end_of(code: int | None) -> str:
     return f"its process was ended by {name}"
 
 
-def why_over(time_s: float, spent_s: float, worked_s: float) -> str:
+def why_to_stop(time_s: float, spent_s: float, worked_s: float) -> str:
     """Return why an examination must end, in words; "" if it may continue. spent_s: time since it
     began; worked_s: processor time. Waiting for a processor does not count as slow."""
     if worked_s > time_s:

@@ -51,7 +51,7 @@ class Admission:
         in the ring."""
         self._trajectory = TrajectoryProgress.resumed(newest)
 
-    def loop_says(self, trajectory: int, running: bool) -> None:
+    def take_loop_report(self, trajectory: int, running: bool) -> None:
         """Take the loop's report on its trajectory; one that the loop has left (no more points, a
         fault) is not resumed."""
         if trajectory == self._trajectory.number and not running:
@@ -83,7 +83,7 @@ class Admission:
         """Report once that the trajectory in play is finally refused."""
         now = self._trajectory
         said = CODES[refused.code].waits or now.over or now.refused
-        if isinstance(command, Chunk) and self.plays(command) and not said:
+        if isinstance(command, Chunk) and self.is_playing(command) and not said:
             now.refused = True
             self.report(2, "trajectory", f"the trajectory in play is refused: {refused}")
 
@@ -108,7 +108,7 @@ class Admission:
     def _check_lease(self, now_ns: int, client: int, lease: int) -> None:
         if self.lease.check(now_ns, client, lease):
             return
-        if self.lease.held(now_ns) and client != self.lease.client:
+        if self.lease.is_held(now_ns) and client != self.lease.client:
             raise NotAdmitted("lease-taken", self._taken(now_ns))
         raise NotAdmitted("no-lease", "no lease, or an expired one: acquire one first")
 
@@ -139,7 +139,7 @@ class Admission:
             )
         if not np.all(np.isfinite(values)):
             raise NotAdmitted("not-finite", "a target is NaN or infinite")
-        wrong = None if allow_unreachable else begun.admits(values, self.core.reachable)
+        wrong = None if allow_unreachable else begun.find_unreachable(values, self.core.reachable)
         if wrong is not None:
             low, high = self.core.reachable
             raise NotAdmitted(
@@ -154,14 +154,14 @@ class Admission:
             raise NotAdmitted(
                 "old", f"set-point {command.sequence} came after {self.lease.sequence}"
             )
-        self.lease.keep(now_ns)
+        self.lease.keep_alive(now_ns)
         self._check_age(now_ns, command.sent_ns)
         self._check_values(
             np.array([command.value]), command.unit, command.allow_unreachable, InPlay()
         )
         self._check_stay(command.stay)
         self.lease.sequence = command.sequence
-        self.lease.heard(now_ns, command.sent_ns)
+        self.lease.renew(now_ns, command.sent_ns)
         self._end_trajectory("a set-point replaced it")
         records = make_records(
             LoopCommand.SETPOINT, command.client, value=np.array([command.value])
@@ -169,7 +169,7 @@ class Admission:
         records["last"] = command.stay
         return records
 
-    def plays(self, command: Chunk) -> bool:
+    def is_playing(self, command: Chunk) -> bool:
         """Return whether the trajectory of this chunk has begun on this axis."""
         return self._trajectory.is_of(command)
 
@@ -181,7 +181,7 @@ class Admission:
     def _chunk(self, now_ns: int, command: Chunk) -> tuple[NDArray[np.void], str, str]:
         checked = self._check_chunk(now_ns, command)
         if checked is None:
-            self.lease.heard(now_ns, command.sent_ns)
+            self.lease.renew(now_ns, command.sent_ns)
             return NOTHING, "duplicate", ""
         now, new = checked
         span_s = 1e-9 * now.span_ns(new.offsets)
@@ -194,7 +194,7 @@ class Admission:
         self._trajectory = now
         now.pass_on(command, new.offsets)
         self._queue.add(now_ns, span_s)
-        self.lease.heard(now_ns, command.sent_ns)
+        self.lease.renew(now_ns, command.sent_ns)
         records = make_records(
             LoopCommand.POINT, command.client, command.trajectory, new.values, new.offsets
         )
@@ -216,7 +216,7 @@ class Admission:
             self.keep(begun)
         if not begun.beyond or not (first or command.last):
             return ""
-        text = begun.say_beyond(self.core.reachable, self.unit)
+        text = begun.describe_beyond(self.core.reachable, self.unit)
         self.report(2, "trajectory", text)
         return text if first else ""
 
@@ -281,7 +281,7 @@ class Admission:
         lease = self.lease
         if command.client == 0:
             raise NotAdmitted("no-lease", "0 is not a client's number")
-        if command.action == "take-over" or not lease.held(now_ns):
+        if command.action == "take-over" or not lease.is_held(now_ns):
             return
         if lease.client != command.client:
             raise NotAdmitted("lease-taken", self._taken(now_ns))
@@ -290,7 +290,7 @@ class Admission:
         """Give the lease to the command's client, after check_free. number: the lease's number, 0:
         a new one."""
         lease, client = self.lease, command.client
-        before = lease.client if lease.held(now_ns) else 0
+        before = lease.client if lease.is_held(now_ns) else 0
         lease.give(now_ns, client, command.label, command.sent_ns, number)
         if before not in (0, client):
             self._end_trajectory("another client took over")
@@ -307,7 +307,7 @@ class Admission:
             self.core.check(self._room)
             self._end_trajectory("it was stopped")
             if lease.check(now_ns, client, command.lease):
-                lease.heard(now_ns, command.sent_ns)
+                lease.renew(now_ns, command.sent_ns)
             return make_records(
                 LoopCommand.STOP_MOTION if action == "stop" else LoopCommand.RELEASE, client
             )
@@ -316,7 +316,7 @@ class Admission:
                 raise NotAdmitted("no-offer", why)
             return NOTHING
         self._check_lease(now_ns, client, command.lease)
-        lease.heard(now_ns, command.sent_ns)
+        lease.renew(now_ns, command.sent_ns)
         if action == "zero":
             return self._zero(command)
         if action == "hold":

@@ -7,7 +7,7 @@ from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.bus.session import Bus
 from dehyst.daemon.config import Config
 from dehyst.daemon.gateway.admission import Admission
-from dehyst.daemon.gateway.command_intake import AxisDoor
+from dehyst.daemon.gateway.command_intake import AxisInbox
 from dehyst.daemon.gateway.core_rings import CoreRings
 from dehyst.daemon.gateway.in_play import read_in_play, write_in_play
 from dehyst.daemon.gateway.lease import Lease
@@ -28,4 +28,4 @@ class ServedAxis:
         admission.report = self.publisher.report_later
         admission.keep = partial(write_in_play, config.directory)
         admission.begun = read_in_play(config.directory)
-        self.door = AxisDoor(bus, self.keys, rings, admission)
+        self.inbox = AxisInbox(bus, self.keys, rings, admission)

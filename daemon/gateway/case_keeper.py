@@ -56,7 +56,7 @@ class CaseKeeper:
         self._good.clear()
         self._motion_s, self._end = 0, -1
 
-    def in_order(self, seq: int, motion_s: int) -> None:
+    def keep_good_stretch(self, seq: int, motion_s: int) -> None:
         """Keep a good stretch if due: the stage matches its model at sample `seq` and has moved
         for `motion_s` in total."""
         if motion_s - self._motion_s < EVERY_S:
@@ -91,7 +91,7 @@ class CaseKeeper:
         fit = [s for s in self._good if s.size and int(s["seq"][-1]) <= before]
         return fit[-1] if fit else None
 
-    def go_on(self, seq: int, model: Path) -> None:
+    def write_later_recording(self, seq: int, model: Path) -> None:
         """Write the recording after the mismatch, once telemetry has reached its end at `seq`."""
         if self._folder is None or self._end < 0 or seq < self._end:
             return

@@ -35,7 +35,7 @@ REJECTIONS_NS = 100_000_000
 LONGEST_REFUSALS = 64
 
 
-class AxisDoor:
+class AxisInbox:
     """Waiting set-points and refusals of one axis. keys, rings, admission: the axis's own."""
 
     def __init__(self, bus: Bus, keys: Keys, rings: CoreRings, admission: Admission) -> None:
@@ -76,32 +76,32 @@ class CommandIntake:
     """Takes commands for these axes. `run` is its thread; `put` and `ask` are called from zenoh's
     threads."""
 
-    def __init__(self, doors: Sequence[AxisDoor]) -> None:
-        self._doors = {door.name: door for door in doors}
-        self._questions: SimpleQueue[tuple[AxisDoor, Asked]] = SimpleQueue()
+    def __init__(self, inboxes: Sequence[AxisInbox]) -> None:
+        self._inboxes = {inbox.name: inbox for inbox in inboxes}
+        self._questions: SimpleQueue[tuple[AxisInbox, Asked]] = SimpleQueue()
         self._work = threading.Event()
         self._starts = GroupStarts()
-        self._own: SimpleQueue[tuple[AxisDoor, NDArray[Any]]] = SimpleQueue()
+        self._own: SimpleQueue[tuple[AxisInbox, NDArray[Any]]] = SimpleQueue()
 
-    def put(self, door: AxisDoor, key: str, payload: bytes) -> None:
+    def put(self, inbox: AxisInbox, key: str, payload: bytes) -> None:
         """Queue a set-point. If too many wait, drop the oldest, as only the newest matters."""
-        if len(door.puts) == WAITING_PUTS:
-            door.flooded += 1
-        door.puts.append((key, payload))
+        if len(inbox.puts) == WAITING_PUTS:
+            inbox.flooded += 1
+        inbox.puts.append((key, payload))
         self._work.set()
 
-    def ask(self, door: AxisDoor, asked: Asked) -> None:
+    def ask(self, inbox: AxisInbox, asked: Asked) -> None:
         """Queue a command that expects an answer. If too many wait, it gets none."""
         if self._questions.qsize() < WAITING_QUESTIONS:
-            self._questions.put((door, asked))
+            self._questions.put((inbox, asked))
             self._work.set()
         else:
-            door.flooded += 1
+            inbox.flooded += 1
             asked.done()
 
-    def pass_to_loop(self, door: AxisDoor, records: NDArray[Any]) -> None:
+    def pass_to_loop(self, inbox: AxisInbox, records: NDArray[Any]) -> None:
         """Pass on (n,) COMMAND records issued by the gateway itself; from any thread."""
-        self._own.put((door, records))
+        self._own.put((inbox, records))
         self._work.set()
 
     def run(self, stop: threading.Event) -> None:
@@ -113,51 +113,51 @@ class CommandIntake:
             while self._answer_one() or self._take_one_each():
                 if stop.is_set():
                     return
-            for door in self._doors.values():
-                door.publish_refusals()
+            for inbox in self._inboxes.values():
+                inbox.publish_refusals()
 
     def _pass_own(self) -> None:
         """Pass on the gateway's own records; retry later for a loop whose ring is full."""
         for _ in range(self._own.qsize()):
-            door, records = self._own.get()
-            if door.rings.room > 0:
-                door.rings.push(records)
+            inbox, records = self._own.get()
+            if inbox.rings.room > 0:
+                inbox.rings.push(records)
             else:
-                self._own.put((door, records))
+                self._own.put((inbox, records))
 
     def _answer_one(self) -> bool:
         try:
-            door, asked = self._questions.get_nowait()
+            inbox, asked = self._questions.get_nowait()
         except Empty:
             return False
-        asked.reply(encoding.encode(self._decide(door, asked.payload)))
+        asked.reply(encoding.encode(self._decide(inbox, asked.payload)))
         asked.done()
         return True
 
     def _take_one_each(self) -> bool:
         """Handle one waiting set-point per axis; return False if there is none."""
-        taken = [self._take_one(door) for door in self._doors.values()]
+        taken = [self._take_one(inbox) for inbox in self._inboxes.values()]
         return any(taken)
 
-    def _take_one(self, door: AxisDoor) -> bool:
-        if len(door.puts) > CROWD:
-            self._thin_out(door)
+    def _take_one(self, inbox: AxisInbox) -> bool:
+        if len(inbox.puts) > CROWD:
+            self._thin_out(inbox)
         try:
-            _, payload = door.puts.popleft()
+            _, payload = inbox.puts.popleft()
         except IndexError:
             return False
-        self._decide(door, payload, only_setpoints=True)
+        self._decide(inbox, payload, only_setpoints=True)
         return True
 
-    def _thin_out(self, door: AxisDoor) -> None:
+    def _thin_out(self, inbox: AxisInbox) -> None:
         """Handle only the newest waiting set-point of each sender and drop the rest."""
-        waiting = [door.puts.popleft() for _ in range(len(door.puts))]
+        waiting = [inbox.puts.popleft() for _ in range(len(inbox.puts))]
         newest = dict(waiting)
-        door.flooded += len(waiting) - len(newest)
+        inbox.flooded += len(waiting) - len(newest)
         for payload in newest.values():
-            self._decide(door, payload, only_setpoints=True)
+            self._decide(inbox, payload, only_setpoints=True)
 
-    def _decide(self, door: AxisDoor, payload: bytes, only_setpoints: bool = False) -> Reply:
+    def _decide(self, inbox: AxisInbox, payload: bytes, only_setpoints: bool = False) -> Reply:
         now_ns = clock.monotonic_ns()
         client = 0
         try:
@@ -165,51 +165,51 @@ class CommandIntake:
             if only_setpoints and not isinstance(command, Setpoint):
                 raise encoding.BadMessage("only set-points may be put; ask for everything else")
         except encoding.BadMessage as error:
-            reply = door.admission.refuse(now_ns, "bad-message", str(error))
+            reply = inbox.admission.refuse(now_ns, "bad-message", str(error))
         else:
             client = command.client
             try:
                 if isinstance(command, Request) and command.axes:
-                    reply = self._decide_together(now_ns, door, command)
-                elif isinstance(command, Chunk) and (why := self._strange(door, command)):
-                    reply = door.admission.refuse(now_ns, "bad-message", why)
+                    reply = self._decide_together(now_ns, inbox, command)
+                elif isinstance(command, Chunk) and (why := self._why_not_together(inbox, command)):
+                    reply = inbox.admission.refuse(now_ns, "bad-message", why)
                 elif isinstance(command, Chunk) and len(command.axes) > 1:
-                    reply = self._decide_group(now_ns, door, command)
+                    reply = self._decide_group(now_ns, inbox, command)
                 else:
-                    reply, records = door.admission.handle(now_ns, command, door.rings.room)
-                    self._starts.withdraw({door.name: records})
-                    door.rings.push(records)
+                    reply, records = inbox.admission.handle(now_ns, command, inbox.rings.room)
+                    self._starts.withdraw({inbox.name: records})
+                    inbox.rings.push(records)
             except Exception:  # one command must not bring the gateway down
                 log.exception("a command could not be decided: %r", command)
-                reply = door.admission.refuse(now_ns, "bad-message", "an error in the daemon")
+                reply = inbox.admission.refuse(now_ns, "bad-message", "an error in the daemon")
         if not reply.ok:
-            door.refused(client, reply.code, reply.text, 1)
+            inbox.refused(client, reply.code, reply.text, 1)
         return reply
 
-    def _strange(self, door: AxisDoor, chunk: Chunk) -> str:
+    def _why_not_together(self, inbox: AxisInbox, chunk: Chunk) -> str:
         """Return why these axes cannot play together, or "". A start would wait for an unknown
         axis."""
         axes = chunk.axes
         if not axes or (
-            door.name in axes and set(axes) <= self._doors.keys() and len(set(axes)) == len(axes)
+            inbox.name in axes and set(axes) <= self._inboxes.keys() and len(set(axes)) == len(axes)
         ):
             return ""
-        return f"axes {', '.join(axes)}: there are {', '.join(self._doors)}, each at most once"
+        return f"axes {', '.join(axes)}: there are {', '.join(self._inboxes)}, each at most once"
 
-    def _decide_group(self, now_ns: int, door: AxisDoor, chunk: Chunk) -> Reply:
-        reply, records = self._starts.handle(now_ns, chunk, self._gates(), door.name)
+    def _decide_group(self, now_ns: int, inbox: AxisInbox, chunk: Chunk) -> Reply:
+        reply, records = self._starts.handle(now_ns, chunk, self._gates(), inbox.name)
         self._push(records)
         return reply
 
-    def _decide_together(self, now_ns: int, door: AxisDoor, request: Request) -> Reply:
-        reply, records = handle_together(now_ns, request, self._gates(), door.name)
+    def _decide_together(self, now_ns: int, inbox: AxisInbox, request: Request) -> Reply:
+        reply, records = handle_together(now_ns, request, self._gates(), inbox.name)
         self._starts.withdraw(records)
         self._push(records)
         return reply
 
     def _gates(self) -> dict[str, tuple[Admission, int]]:
-        return {name: (door.admission, door.rings.room) for name, door in self._doors.items()}
+        return {name: (inbox.admission, inbox.rings.room) for name, inbox in self._inboxes.items()}
 
     def _push(self, records: Mapping[str, NDArray[Any]]) -> None:
         for name, of_axis in records.items():
-            self._doors[name].rings.push(of_axis)
+            self._inboxes[name].rings.push(of_axis)

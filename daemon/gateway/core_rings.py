@@ -29,7 +29,7 @@ class CoreRings:
         self._tails: dict[str, int] = {}
 
     @property
-    def attached(self) -> bool:
+    def is_attached(self) -> bool:
         """Return True while rings are mapped."""
         return bool(self._rings)
 
@@ -39,7 +39,7 @@ class CoreRings:
         return self._rings["telemetry"].run if self._rings else 0
 
     @property
-    def left_over(self) -> bool:
+    def is_left_over(self) -> bool:
         """Return True if the process that made the rings has ended: they belong to an earlier run,
         perhaps of another stage."""
         if not self._rings:
@@ -88,12 +88,12 @@ class CoreRings:
         records, self._tails[name], lost = ring.read(self._tails[name])
         return records, lost
 
-    def taken(self, name: str) -> None:
+    def mark_taken(self, name: str) -> None:
         """Mark what was read as passed on; a later gateway continues after it."""
         if name in self._rings:
             self._rings[name].taken(self._tails[name])
 
-    def before(self, name: str, count: int) -> NDArray[Any]:
+    def read_again(self, name: str, count: int) -> NDArray[Any]:
         """Return up to `count` records that were read already and are still there."""
         ring = self._rings.get(name)
         if ring is None:
@@ -112,7 +112,7 @@ class CoreRings:
 
     def newest_point(self) -> NDArray[Any]:
         """Return the last command in the ring (1,) if it is a trajectory point, else (0,)."""
-        last = self.before("command", 1)
+        last = self.read_again("command", 1)
         return last[last["kind"] == LoopCommand.POINT]
 
     @property

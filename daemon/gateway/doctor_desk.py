@@ -25,7 +25,7 @@ from dehyst.daemon.config.drives import drive_range
 from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import Case, Decided, Examined
 from dehyst.daemon.files.models import load_model
-from dehyst.daemon.gateway.doctor_report import Scope, Scopes, describe_report, say_scopes
+from dehyst.daemon.gateway.doctor_report import Scope, Scopes, describe_report, describe_scopes
 from dehyst.daemon.gateway.model_trial import TAKEN_S, ModelTrial
 from dehyst.models.cascade.reach import displacement_range
 from dehyst.models.errors import DehystError, NotNow
@@ -113,7 +113,7 @@ class DoctorDesk:
             return "there is no offer: the doctor has no better model"
         if state not in OPEN:
             return f"this offer is already {ALREADY.get(state, state)}"
-        if self._trial.on_trial:
+        if self._trial.case_on_trial:
             return ""  # the offer waits and is checked again after the trial
         return self._trial.why_not(self._folders[name] / cases.IN_USE)
 
@@ -133,10 +133,10 @@ class DoctorDesk:
                     self._carry_out(*self._wishes.get_nowait())
             except Empty:
                 pass
-            over = self._trial.look(clock.monotonic_ns())
+            over = self._trial.check_outcome(clock.monotonic_ns())
             if over is not None:
                 self._decided(*over)
-            self._let_in(clock.monotonic_ns())
+            self._start_waiting_offer(clock.monotonic_ns())
 
     def _resume(self) -> None:
         """Load earlier findings, and resume a trial that an earlier gateway has begun."""
@@ -156,12 +156,12 @@ class DoctorDesk:
         self._decided(
             name,
             "waiting",
-            f"it waits until the trial of {self._trial.on_trial or 'another model'} is over",
+            f"it waits until the trial of {self._trial.case_on_trial or 'another model'} is over",
         )
 
-    def _let_in(self, now_ns: int) -> None:
+    def _start_waiting_offer(self, now_ns: int) -> None:
         """Carry out the waiting offer once no trial is running."""
-        if self._trial.on_trial:
+        if self._trial.case_on_trial:
             self._over_ns = now_ns
         elif name := self._waiting:
             why = self._why_not(name, self._state(name)) if name in self._known else ""
@@ -228,7 +228,7 @@ class DoctorDesk:
                 f"{found.unit} on {tested.seconds:.0f} s of later telemetry"
             )
             if case.name in self._scopes:
-                more += f", {say_scopes(self._scopes[case.name], found.unit)}"
+                more += f", {describe_scopes(self._scopes[case.name], found.unit)}"
             more += "; dehyst accept, or dehyst reject."
         elif found.experiment:
             more = f" Next: dehyst {' '.join(found.experiment)}"
@@ -239,7 +239,7 @@ class DoctorDesk:
         folder, state = self._folders[name], self._state(name)
         if name == self._waiting and action == "reject":
             self._waiting = ""
-        if action == "accept" and self._trial.on_trial:
+        if action == "accept" and self._trial.case_on_trial:
             self._wait(name)
         elif action == "accept":
             try:
@@ -260,7 +260,9 @@ class DoctorDesk:
                 f"motion; the trial ends after {self._trial.limit_s:g} s at the latest",
             )
         elif state in AT_WORK:
-            self._decided(name, "rejected", self._trial.go_back(name, "it was rejected"))
+            self._decided(
+                name, "rejected", self._trial.restore_previous_model(name, "it was rejected")
+            )
         else:
             self._decided(name, "rejected", "rejected: the model in use stays")
 
@@ -285,6 +287,6 @@ class DoctorDesk:
         report = describe_report(*self._known[name], self._times, scopes)
         self._publish(encoding.encode(report))
 
-    def see(self, samples: NDArray[Any]) -> None:
+    def take_samples(self, samples: NDArray[Any]) -> None:
         """Pass samples of the loop, in order, to the trial."""
-        self._trial.see(samples)
+        self._trial.take_samples(samples)

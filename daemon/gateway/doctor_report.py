@@ -20,7 +20,7 @@ Scopes = tuple[Scope, Scope]
 """Limits of the model in use and of the offered one."""
 
 
-def say_scopes(scopes: Scopes, unit: str) -> str:
+def describe_scopes(scopes: Scopes, unit: str) -> str:
     """Describe in words how accepting changes the reach and the rate."""
     (before, fast), (after, faster) = scopes
     text = f"the reach of {before[0]:.4g} to {before[1]:.4g} {unit} becomes "

@@ -48,7 +48,7 @@ class GroupStarts:
         """Return (answer, COMMAND records by axis). gates: each axis's admission and the room in
         its ring, by axis name; asked: the axis to whose key the chunk was sent."""
         gate, room = gates[asked]
-        if gate.plays(chunk):
+        if gate.is_playing(chunk):
             reply, of_axis = gate.handle(now_ns, chunk, room)
             return reply, {asked: of_axis}
         try:
@@ -69,7 +69,9 @@ class GroupStarts:
         gate, room = gates[asked]
         start = self._start_of(now_ns, chunk)
         if not start.why and now_ns - start.since_ns > WAIT_NS:
-            late = [n for n in chunk.axes if n not in start.chunks and not gates[n][0].plays(chunk)]
+            late = [
+                n for n in chunk.axes if n not in start.chunks and not gates[n][0].is_playing(chunk)
+            ]
             seconds = 1e-9 * WAIT_NS
             start.why = f"the first points of {', '.join(late)} did not arrive within {seconds:g} s"
         if start.why:
@@ -81,9 +83,9 @@ class GroupStarts:
         except NotAdmitted as no:
             self._drop(start, f"{asked}: {no}")
             raise NotAdmitted(no.code, f"{no}; no axis has started") from None
-        gate.lease.heard(now_ns, chunk.sent_ns)
+        gate.lease.renew(now_ns, chunk.sent_ns)
         start.chunks[asked] = chunk
-        if any(n not in start.chunks and not gates[n][0].plays(chunk) for n in chunk.axes):
+        if any(n not in start.chunks and not gates[n][0].is_playing(chunk) for n in chunk.axes):
             return gate.granted(now_ns, chunk), {}
         return self._pass_on(now_ns, start, gates, asked)
 

@@ -36,7 +36,9 @@ class InPlay(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     beyond: int = 0
     farthest: float = 0.0
 
-    def admits(self, values: NDArray[np.float64], reach: tuple[float, float]) -> float | None:
+    def find_unreachable(
+        self, values: NDArray[np.float64], reach: tuple[float, float]
+    ) -> float | None:
         """Return None if targets (n,) are within the present or the initial reach, else a target
         that is not."""
         low, high = float(np.fmin(self.low, reach[0])), float(np.fmax(self.high, reach[1]))
@@ -59,7 +61,7 @@ class InPlay(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
         """Return the state of a trajectory that begins with this reach."""
         return cls(trajectory=trajectory, client=client, low=reach[0], high=reach[1])
 
-    def say_beyond(self, reach: tuple[float, float], unit: str) -> str:
+    def describe_beyond(self, reach: tuple[float, float], unit: str) -> str:
         """Describe how many points are beyond the present reach, by how much, and how they are
         handled."""
         return (

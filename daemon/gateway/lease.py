@@ -31,7 +31,7 @@ class Lease:
         self._offset_ns = 0  # smallest seen difference, our clock minus the holder's
         self._offset_at_ns = 0
 
-    def held(self, now_ns: int) -> bool:
+    def is_held(self, now_ns: int) -> bool:
         """Return True while a client holds the lease."""
         return self.client != 0 and now_ns - self._seen_ns <= self.length_ns
 
@@ -50,16 +50,16 @@ class Lease:
 
     def check(self, now_ns: int, client: int, lease: int) -> bool:
         """Return True if this client holds this lease now."""
-        return self.held(now_ns) and client == self.client and lease == self.lease
+        return self.is_held(now_ns) and client == self.client and lease == self.lease
 
-    def heard(self, now_ns: int, sent_ns: int) -> None:
+    def renew(self, now_ns: int, sent_ns: int) -> None:
         """Renew the lease after a valid command of the holder."""
         self._seen_ns = now_ns
         drift = round(CLOCK_DRIFT * (now_ns - self._offset_at_ns))
         self._offset_ns = min(self._offset_ns + drift, now_ns - sent_ns)
         self._offset_at_ns = now_ns
 
-    def keep(self, now_ns: int) -> None:
+    def keep_alive(self, now_ns: int) -> None:
         """Renew the lease after an invalid command of the holder, which is still alive."""
         self._seen_ns = now_ns
 

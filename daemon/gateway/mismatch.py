@@ -129,7 +129,7 @@ class MismatchWatch:
         if judged:
             self._judged(watch, int(samples["seq"][-1]))
         if self._model_used is not None:
-            self._cases.go_on(int(samples["seq"][-1]), self._model_used)
+            self._cases.write_later_recording(int(samples["seq"][-1]), self._model_used)
         if self._keep_at is not None and int(samples["seq"][-1]) >= self._keep_at:
             self._keep_at = None
             self._keep(origin, int(samples["seq"][-1]))
@@ -186,7 +186,7 @@ class MismatchWatch:
             self.trust(not wrong)
         self.mismatch = wrong
         if not wrong:
-            self._cases.in_order(seq, watch.motion_s)
+            self._cases.keep_good_stretch(seq, watch.motion_s)
 
     def _keep(self, origin: float, end: int) -> None:
         """Write a recording from before to after the mismatch, from the history."""

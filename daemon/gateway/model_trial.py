@@ -31,7 +31,7 @@ from dehyst.daemon.files.chosen import (
     write_accepted,
 )
 from dehyst.daemon.files.models import load_model
-from dehyst.daemon.gateway.model_before import ModelBefore, Past
+from dehyst.daemon.gateway.previous_model import Past, PreviousModel
 from dehyst.daemon.rings.records import Flag, State, model_digest
 from dehyst.models.cascade.reach import displacement_range
 from dehyst.models.errors import DehystError, NotNow
@@ -75,7 +75,7 @@ class ModelTrial:
         self._target = math.nan  # of the newest sample
         self._least = 0.0  # distance that counts as motion; 0: not known yet
         self._skip_s = 0.0
-        self._before: ModelBefore | None = None
+        self._before: PreviousModel | None = None
         self._on_trial: Accepted | None = None
         self._tested: OfferTest | None = None
         self._digest, self._unit = "", ""
@@ -85,7 +85,7 @@ class ModelTrial:
         self.limit_s = longest_trial_s(config.doctor.trial_s, config.doctor.trial_limit_s)
 
     @property
-    def on_trial(self) -> str:
+    def case_on_trial(self) -> str:
         """Return the case whose model is on trial; "": none."""
         return "" if self._on_trial is None else self._on_trial.case
 
@@ -138,21 +138,21 @@ class ModelTrial:
         with suppress(DehystError):
             model = loads(accepted.before) if accepted.before else None
             before = model or load_model(self._config.model.file)
-            self._before = ModelBefore(self._config, before, self._past)
+            self._before = PreviousModel(self._config, before, self._past)
         self._digest, self._other_ns = model_digest(accepted.model), clock.monotonic_ns()
         self._end_ns, self._doubt = clock.monotonic_ns() + round(left_s * clock.NS), ""
         self._unit = loads(accepted.model).displacement_unit
         self._taken = self._was_taken = False
         self._tested, self._on_trial = tested, accepted
 
-    def look(self, now_ns: int) -> Over | None:
+    def check_outcome(self, now_ns: int) -> Over | None:
         """Return the outcome if the trial is over, else None."""
         trial, tested = self._on_trial, self._tested
         if trial is None or tested is None:
             return None
         late = now_ns >= self._end_ns
         if why := self._not_running(now_ns, late):
-            return trial.case, "returned", self.go_back(trial.case, why)
+            return trial.case, "returned", self.restore_previous_model(trial.case, why)
         if not self._taken:
             return None
         with self._lock:
@@ -171,7 +171,7 @@ class ModelTrial:
         if verdict.outcome == "open":
             return None
         if verdict.outcome == "goes":
-            return trial.case, "returned", self.go_back(trial.case, verdict.why)
+            return trial.case, "returned", self.restore_previous_model(trial.case, verdict.why)
         self._on_trial = self._before = None
         why = verdict.why
         try:
@@ -226,7 +226,7 @@ class ModelTrial:
             self._meter.clear()
             self._skip_s = TRIAL.settle_s
 
-    def go_back(self, name: str, why: str) -> str:
+    def restore_previous_model(self, name: str, why: str) -> str:
         """Restore the previous model; return what was done, in words."""
         accepted = read_accepted(self._config.directory)
         self._on_trial = self._before = None
@@ -243,7 +243,7 @@ class ModelTrial:
             return f"the previous model could not be restored ({error}), although {why}"
         return f"the previous model is restored: {why}"
 
-    def see(self, samples: NDArray[Any]) -> None:
+    def take_samples(self, samples: NDArray[Any]) -> None:
         """Evaluate samples (n,) of the loop, in order."""
         before = self._before
         other = before.expect(samples) if before is not None else np.full(samples.size, np.nan)
@@ -278,14 +278,14 @@ class ModelTrial:
     def _moves(self, predicted: NDArray[np.float64], seconds: float) -> bool:
         """Return whether the stage has moved within MOVED_S, according to the model."""
         place, way = float(predicted[-1]), float(np.ptp(predicted))
-        least = self._least_way()
+        least = self._least_motion()
         if way > least or not abs(place - self._place) <= least:
             self._still_s, self._place = 0.0, place
         else:
             self._still_s += seconds
         return self._still_s <= MOVED_S
 
-    def _least_way(self) -> float:
+    def _least_motion(self) -> float:
         """Return the displacement that counts as motion, from the reach of the configured model,
         which is accurate enough."""
         if not self._least:

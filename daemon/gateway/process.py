@@ -38,7 +38,7 @@ SWITCH_S = 0.0005
 """Switch interval of Python's threads [s]: a tenth of the default."""
 
 
-def refuse_older(asked: Asked) -> None:
+def refuse_older_clients(asked: Asked) -> None:
     """Answer a client that uses an older bus version with a message that it displays."""
     asked.refuse(
         f"this daemon (dehyst {__version__}) speaks {VERSION} of the bus; update the client: "
@@ -76,14 +76,14 @@ class Gateway:
                 bus.watch_links(),
             )
             axes = [ServedAxis(config, bus, served) for config in configs]
-            intake, answers, history = CommandIntake([a.door for a in axes]), Answers(), Answers()
+            intake, answers, history = CommandIntake([a.inbox for a in axes]), Answers(), Answers()
             for axis in axes:
                 axis.publisher.tick(served.started_ns)  # the first query finds a status
                 self._open(bus, axis, intake, answers, history)
             for axis in axes:  # announced last: a client that sees one finds them all
                 bus.announce(axis.keys.alive())
                 for alive, questions in axis.keys.older():
-                    bus.answer(questions, refuse_older)
+                    bus.answer(questions, refuse_older_clients)
                     bus.announce(alive)
             threads = [
                 self._thread("intake", intake.run),
@@ -109,10 +109,10 @@ class Gateway:
         bus: Bus, axis: ServedAxis, intake: CommandIntake, answers: Answers, history: Answers
     ) -> None:
         """Serve the keys of one axis."""
-        keys, door = axis.keys, axis.door
-        axis.publisher.mismatch_watch.trust = lambda yes: intake.pass_to_loop(door, trust(yes))
-        bus.listen(keys.setpoints(), partial(intake.put, door))
-        bus.answer(keys.rpc("command"), partial(intake.ask, door))
+        keys, inbox = axis.keys, axis.inbox
+        axis.publisher.mismatch_watch.trust = lambda yes: intake.pass_to_loop(inbox, trust(yes))
+        bus.listen(keys.setpoints(), partial(intake.put, inbox))
+        bus.answer(keys.rpc("command"), partial(intake.ask, inbox))
         for method in ("status", "model", "configuration", "events", "doctor", "report"):
             bus.answer(keys.rpc(method), partial(answers.ask, axis))
         bus.answer(keys.rpc("history"), partial(history.ask, axis))

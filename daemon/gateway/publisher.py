@@ -94,7 +94,7 @@ class Publisher:
         found = bus.sender(keys.pubsub(subject(DOCTOR)), DOCTOR)
         trial = ModelTrial(config, self._core_now, self.history.get)
         self.doctor_desk = DoctorDesk(config, found.put, self.report_later, trial)
-        self.mismatch_watch.seen = self.doctor_desk.see
+        self.mismatch_watch.seen = self.doctor_desk.take_samples
 
     def tick(self, now_ns: int) -> None:
         """Read the rings once and publish what is new."""
@@ -105,7 +105,7 @@ class Publisher:
         self._pass_events()
         if heard:
             self._heard_ns = now_ns
-        alive = self._rings.attached and self._cores > 0 and now_ns - self._heard_ns < SILENT_NS
+        alive = self._rings.is_attached and self._cores > 0 and now_ns - self._heard_ns < SILENT_NS
         if alive != self._published_alive and (alive or not core.starting):
             self._published_alive = alive
             self._report(now_ns, 1 if alive else 2, "core", RUNS if alive else GONE)
@@ -152,7 +152,7 @@ class Publisher:
 
     def _own_status(self, now_ns: int, newest: NDArray[Any]) -> GatewayStatus:
         lease, history = self._admission.lease, self.history
-        held = lease.held(now_ns)
+        held = lease.is_held(now_ns)
         served = self._served
         links, links_ended = served.links()
         return GatewayStatus(
@@ -186,17 +186,17 @@ class Publisher:
         """Take over the rings of a core, perhaps a new one. Past samples fill the history;
         publishing resumes at the position in the ring where the previous gateway stopped."""
         rings = self._rings
-        of_another_daemon = self._cores == 0 and rings.left_over
+        of_another_daemon = self._cores == 0 and rings.is_left_over
         self._cores += rings.run != self.history.run
         self._heard_ns = now_ns - SILENT_NS  # rings may be left over from a core that has died
         self.history.restart(rings.run)
-        self.history.add(rings.before("telemetry", self.history.capacity))
+        self.history.add(rings.read_again("telemetry", self.history.capacity))
         self._admission.resume(rings.newest_point())
         if of_another_daemon:
             rings.read("event")
-            rings.taken("event")
+            rings.mark_taken("event")
         else:
-            earlier = rings.before("event", RECENT_EVENTS)
+            earlier = rings.read_again("event", RECENT_EVENTS)
             self.recent_events.extend(event_message(record) for record in earlier)
         last = rings.newest_status()
         if last.size:
@@ -214,7 +214,7 @@ class Publisher:
         for piece in runs(samples, LONGEST_BATCH):
             message = encoding.batch(piece, self.history.run, unit, wall_offset_ns)
             self._telemetry.put(encoding.encode(message))
-        self._rings.taken("telemetry")
+        self._rings.mark_taken("telemetry")
         self.history.add(samples)
         self._published += samples.size
         core = self._admission.core
@@ -226,7 +226,7 @@ class Publisher:
         records, _ = self._rings.read("status")
         if not records.size:
             return False
-        self._rings.taken("status")
+        self._rings.mark_taken("status")
         for record in records[-8:]:  # report each state change, even several within one tick
             self._take_status(record)
             self._say(now_ns)
@@ -242,14 +242,14 @@ class Publisher:
         core.trajectory = int(record["trajectory"])
         core.trajectory_done = bool(record["trajectory_done"])
         core.queue_s, core.status_ns = float(record["queue_s"]), int(record["time_ns"])
-        self._admission.loop_says(core.trajectory, core.state is State.RUNNING)
+        self._admission.take_loop_report(core.trajectory, core.state is State.RUNNING)
 
     def _pass_events(self) -> None:
         records, _ = self._rings.read("event")
         for record in records:
             self._put_event(event_message(record))
         if records.size:
-            self._rings.taken("event")
+            self._rings.mark_taken("event")
         while not self._waiting.empty():
             self._report(clock.monotonic_ns(), *self._waiting.get())
 

@@ -16,18 +16,18 @@ from numba import types
 from dehyst.daemon.loop.axes import groups, kernels
 from dehyst.daemon.loop.sample import finish, take_requests
 from dehyst.daemon.loop.step_kernel import stopped
-from dehyst.models.inverse.compiling import compile_beside_plan, compile_plan, plan_is_on_disk
+from dehyst.models.inverse.compiling import compile_plan, compile_sample_kernels, is_plan_cached
 
 WORDS, INTEGER = types.int64[::1], types.int64
 
 
 def compile_in_two() -> None:
     """Compile more than half of what `warm_up` runs, unless it is on disk already."""
-    if plan_is_on_disk():
+    if is_plan_cached():
         return
     with compiling_beside(__name__):
         _compile_around_step()
-        compile_beside_plan()
+        compile_sample_kernels()
 
 
 @contextmanager

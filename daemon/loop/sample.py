@@ -157,7 +157,7 @@ def finish(
         r.volts = c.volts
         flags |= WRITE_FAILED
     if wrote != NOT_WRITTEN:
-        c.wrote_ns = written_ns - (_surely_after(c.least_ns) if c.writes > ENOUGH else 0)
+        c.wrote_ns = written_ns - (_least_delay_ns(c.least_ns) if c.writes > ENOUGH else 0)
     if wrote == WRITTEN:
         c.least_ns = call_ns if c.writes == 0 else min(call_ns, c.least_ns)
         c.writes += 1
@@ -215,7 +215,7 @@ class ThreadUsage(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def _surely_after(least_ns: int) -> int:
+def _least_delay_ns(least_ns: int) -> int:
     """Return the least time from the start of a write to the change of the output.
 
     A slow call may change the output at its end, and the next call may change it early. So that no

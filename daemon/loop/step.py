@@ -52,7 +52,7 @@ class Stepper:
         self.record = np.zeros(1, TELEMETRY)
         self.control = np.zeros(1, CONTROL_T)
         self.trim = trim.begin_trim()
-        no_trim = trim.setting_of(settings.period_ns * 1e-9, 0.0, 0.0, on=False)
+        no_trim = trim.make_trim_setting(settings.period_ns * 1e-9, 0.0, 0.0, on=False)
         self.trim_setting = no_trim if trimmed is None else trimmed
         self.events: list[str] = []
         self._numbers = settings.record()

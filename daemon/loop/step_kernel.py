@@ -37,7 +37,7 @@ from dehyst.daemon.rings.records import Flag, Mode, State
 from dehyst.models.inverse import sample
 from dehyst.models.inverse.state import inverse_at
 from dehyst.models.learning import trim
-from dehyst.models.learning.why import Why
+from dehyst.models.learning.freeze_reason import FreezeReason
 from dehyst.models.model import Floats
 
 STOP_GRACE_NS = 5_000_000_000  # in addition to the ramp's duration
@@ -53,7 +53,11 @@ UNREACHABLE, SLEW, RANGE = as_int64(Flag.UNREACHABLE), as_int64(Flag.SLEW), as_i
 INVALID, OUTSIDE = as_int64(Flag.SENSOR_INVALID), as_int64(Flag.OUTSIDE_VALIDITY)
 FALLBACK, APPROACH = as_int64(Flag.FALLBACK), as_int64(Flag.APPROACH)
 TRIM_FROZEN = as_int64(Flag.TRIM_FROZEN)
-NOTHING, OFF, NOT_RUNNING = as_int64(Why.NOTHING), as_int64(Why.OFF), as_int64(Why.NOT_RUNNING)
+NOTHING, OFF, NOT_RUNNING = (
+    as_int64(FreezeReason.NOTHING),
+    as_int64(FreezeReason.OFF),
+    as_int64(FreezeReason.NOT_RUNNING),
+)
 NOTES_OF_TRIM = np.array(
     [
         Note.TRIM_GOES_ON,

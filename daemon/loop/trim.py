@@ -43,7 +43,7 @@ def trim_setting(
             f"not stable; use {_round_up(least_s):g} s or more"
         )
     noise = model.fit.noise_rms or model.fit.rms or NO_NOISE * reach
-    return trim.setting_of(
+    return trim.make_trim_setting(
         config.period_ns * 1e-9,
         reach,
         noise,

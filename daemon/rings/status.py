@@ -21,7 +21,7 @@ import numpy as np
 from msgspec import Meta
 
 from dehyst.daemon.rings.records import MissCause, Mode, State, name_of
-from dehyst.models.learning.why import Why
+from dehyst.models.learning.freeze_reason import FreezeReason
 
 Id = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Name = Annotated[str, Meta(max_length=64)]
@@ -75,7 +75,7 @@ def _text(value: Any) -> str:
 
 
 def _why(value: Any) -> str:
-    return "" if int(value) == 0 else name_of(Why, int(value))
+    return "" if int(value) == 0 else name_of(FreezeReason, int(value))
 
 
 def _device(name: str) -> View:

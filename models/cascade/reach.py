@@ -47,10 +47,10 @@ def displacement_reach(model: Model, drive_min: float, drive_max: float) -> Reac
     y = simulate_hysteresis(model.hysteresis, drive, STANDSTILL_S)
     acting = [b for b in model.blocks if _acts_at_rest(b)]
     for block in acting:
-        if KINDS[block.kind].beside:
+        if KINDS[block.kind].is_parallel:
             y = y + _run(model, block, drive, t_s)
     for block in acting:
-        if not KINDS[block.kind].beside:
+        if not KINDS[block.kind].is_parallel:
             y = _run(model, block, y, t_s)
     last = y[-2 * POINTS :]
     words = (_assumption(b, KINDS[b.kind]) for b in model.blocks if b.place != "sensor")

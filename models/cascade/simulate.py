@@ -80,7 +80,7 @@ def simulate_parts(
         raise BadInput("times must be strictly increasing")
     if not np.all(np.isfinite(u)) or not np.all(np.isfinite(t)):
         raise BadInput("the drive has values that are not finite; simulate its whole pieces")
-    beside = [b for b in model.blocks if KINDS[b.kind].beside]
+    beside = [b for b in model.blocks if KINDS[b.kind].is_parallel]
     for block in (b for b in model.blocks if b.place == "drive"):
         u = _block(model, block, u, t, channels)
     h = model.hysteresis

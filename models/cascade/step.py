@@ -21,7 +21,7 @@ from dehyst.models.physics import KINDS
 from dehyst.models.physics.address import call_at
 from dehyst.models.physics.kind import STATES, Kind, Led, Limited, Shifted, Solved
 
-AT_DRIVE, BESIDE, AT_STAGE, AT_SENSOR = range(4)
+AT_DRIVE, PARALLEL, AT_STAGE, AT_SENSOR = range(4)
 _PLACES = {"drive": AT_DRIVE, "stage": AT_STAGE, "sensor": AT_SENSOR}
 
 BLOCK = np.dtype(
@@ -69,7 +69,7 @@ class Packed:
     state_size: int
     channels: tuple[str, ...]
     delay_s: float  # of drive and stage together
-    beside: bool  # whether blocks add to the hysteresis
+    has_parallel_blocks: bool  # whether blocks add to the hysteresis
     on_stage: bool  # whether blocks act after the hysteresis, on the stage
     dynamic: tuple[str, ...]  # kinds before the sensor whose inverse needs future targets
     limits: tuple[float, float, float]  # lowest drive, highest drive, highest rate of the blocks
@@ -80,8 +80,8 @@ class Packed:
         for row, kind in zip(self.chain.blocks, self.kinds, strict=True):
             p = self.chain.params[row["p_from"] :][: row["n_p"]]
             s = states[row["s_from"] :][: row["n_s"]]
-            kind.start(p, s, drive if row["place"] in (AT_DRIVE, BESIDE) else displacement)
-        begin_undoing(self.chain, states)
+            kind.start(p, s, drive if row["place"] in (AT_DRIVE, PARALLEL) else displacement)
+        start_inverse_states(self.chain, states)
         return states
 
 
@@ -108,7 +108,7 @@ def pack(model: Model, period_s: float, spacing_s: float = 0.0) -> Packed:
     for row, block, kind in zip(blocks, model.blocks, kinds, strict=True):
         values = kind.values(block, model.drive_unit, model.displacement_unit)
         p, size = kind.numbers(values, period_s)
-        row["place"] = BESIDE if kind.beside else _PLACES[block.place]
+        row["place"] = PARALLEL if kind.is_parallel else _PLACES[block.place]
         row["channel"] = names.index(block.channel) if block.channel else -1
         row["p_from"], row["n_p"], row["s_from"], row["n_s"] = p_at, p.size, s_at, size
         row["step"] = kind.step.address
@@ -135,7 +135,7 @@ def pack(model: Model, period_s: float, spacing_s: float = 0.0) -> Packed:
         state_size=s_at,
         channels=names,
         delay_s=late,
-        beside=bool(np.any(blocks["place"] == BESIDE)),
+        has_parallel_blocks=bool(np.any(blocks["place"] == PARALLEL)),
         on_stage=bool(np.any(blocks["place"] == AT_STAGE)),
         dynamic=tuple(sorted(moving)),
         limits=(low, high, rate),
@@ -175,7 +175,7 @@ def advance(
     x = saturation(hysteresis.c, z + kh * (v - v_before) / dt)
     added = 0.0
     for i in range(blocks.size):
-        if blocks[i].place == BESIDE:
+        if blocks[i].place == PARALLEL:
             added += _through(blocks[i].step, blocks[i], params, states, v, t, dt, 0.0)
     y[4] = x
     x += added
@@ -191,7 +191,7 @@ def advance(
 
 
 @njit(cache=True, nogil=True)
-def beside(
+def fill_parallel_contribution(
     chain: Chain, states: Floats, scratch: Floats, dt: float, v: Floats, out: Floats
 ) -> None:
     """Fill out (m,) with the contribution of the blocks parallel to the hysteresis for drives v
@@ -200,7 +200,7 @@ def beside(
     out[:] = 0.0
     for i in range(chain.blocks.size):
         b = chain.blocks[i]
-        if b.place == BESIDE:
+        if b.place == PARALLEL:
             scratch[b.s_from : b.s_from + b.n_s] = states[b.s_from : b.s_from + b.n_s]
             for j in range(v.size):
                 out[j] += _through(b.step, b, chain.params, scratch, v[j], 0.0, dt, 0.0)
@@ -223,7 +223,7 @@ def _lead(seq: Floats, first: float, second: float) -> None:
 
 
 @njit(cache=True, nogil=True)
-def undo(
+def invert_stage_blocks(
     chain: Chain,
     states: Floats,
     scratch: Floats,
@@ -263,7 +263,7 @@ def undo(
 
 
 @njit(cache=True, nogil=True)
-def begin_undoing(chain: Chain, states: Floats) -> None:
+def start_inverse_states(chain: Chain, states: Floats) -> None:
     """Initialise the separate states of inverses with those of their blocks."""
     for i in range(chain.blocks.size):
         b = chain.blocks[i]
@@ -271,9 +271,9 @@ def begin_undoing(chain: Chain, states: Floats) -> None:
 
 
 @njit(cache=True, nogil=True)
-def keep_undone(chain: Chain, states: Floats, scratch: Floats) -> None:
-    """Keep the inverse states that `undo` prepared for the next sample; `go_on_undoing` makes them
-    the present ones."""
+def store_next_inverse_states(chain: Chain, states: Floats, scratch: Floats) -> None:
+    """Keep the inverse states that `invert_stage_blocks` prepared for the next sample;
+    `advance_inverse_states` makes them the present ones."""
     for i in range(chain.blocks.size):
         b = chain.blocks[i]
         first, end = b.s_from + 2 * b.own, b.s_from + 3 * b.own
@@ -281,7 +281,7 @@ def keep_undone(chain: Chain, states: Floats, scratch: Floats) -> None:
 
 
 @njit(cache=True, nogil=True)
-def go_on_undoing(chain: Chain, states: Floats) -> None:
+def advance_inverse_states(chain: Chain, states: Floats) -> None:
     """Advance the separate states of inverses by one sample."""
     for i in range(chain.blocks.size):
         b = chain.blocks[i]

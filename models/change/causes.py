@@ -13,11 +13,11 @@ from dehyst.models.diagnosis.base import no_base
 from dehyst.models.diagnosis.data.excerpt import excerpt
 from dehyst.models.diagnosis.data.noise import noise_rms
 from dehyst.models.diagnosis.data.prepare import prepare, were_de_energised
+from dehyst.models.diagnosis.diagnosed_model import take_given_model
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, effect_of
-from dehyst.models.diagnosis.pasts import begin_as_found
+from dehyst.models.diagnosis.pasts import choose_pasts
 from dehyst.models.diagnosis.search import search_one_more
-from dehyst.models.diagnosis.subject import take_subject
 from dehyst.models.errors import BadInput
 from dehyst.models.identify.validation import validate
 from dehyst.models.model import Model
@@ -53,8 +53,8 @@ class WeighedCause:
 def find_causes(model: Model, recording: Recording) -> list[Cause]:
     """Return the single causes, the one that removes most first. Rows without a reading only drive
     the stage's memory and are not fitted. Raises BadInput, BadRecording like a diagnosis."""
-    data = begin_as_found(excerpt(prepare([recording], were_de_energised([recording]))))
-    problem = Problem(data, no_base(data), take_subject(model, data))
+    data = choose_pasts(excerpt(prepare([recording], were_de_energised([recording]))))
+    problem = Problem(data, no_base(data), take_given_model(model, data))
     null = problem.solve([])
     sigma = noise_rms(data, null.residual(data))
     state = SearchState(problem, sigma, null, null, counted=int(data.rows.sum()))
@@ -67,7 +67,7 @@ def _as_cause(model: Model, problem: Problem, trial: CandidateTrial) -> Cause:
     effect = effect_of(fit, one.key)
     amplitudes = fit.amplitudes_of(effect)
     blocks = one.blocks(effect.theta, amplitudes, problem.data)
-    says = one.says(one.values(effect.theta, amplitudes))
+    says = one.describe(one.values(effect.theta, amplitudes))
     return Cause(one.name, one.place, says, with_blocks(model, blocks), one.confused_with)
 
 

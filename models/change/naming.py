@@ -140,7 +140,7 @@ def _explained_by(first: Finding, causes: Sequence[WeighedCause]) -> float:
     return max((o.new for o in causes if o.cause.name == first.name), default=0.0)
 
 
-def off_the_gauge(
+def move_sensor_blocks(
     model: Model, findings: Sequence[Finding], causes: Sequence[WeighedCause], noise2: float
 ) -> Model:
     """Return the model with sensor blocks moved to the stage or the drive where their finding may

@@ -11,13 +11,13 @@ from dehyst.models.physics import KINDS
 from dehyst.models.recording import Recording
 
 PLACES = {"drive": 0.0, "stage": 1.0, "sensor": 2.0}
-BESIDE = 0.5
+PARALLEL = 0.5
 ROUNDS, CLOSE = 4, 0.02
 """Largest number of steps towards the wanted zero, and the relative error at which they end."""
 
 
 @dataclass(frozen=True)
-class BothReplayed:
+class ReplayComparison:
     """rms residual of both models on the same recording, each without its mean; noise: rms;
     seconds: duration with a reading [s]."""
 
@@ -34,11 +34,11 @@ class BothReplayed:
 
 def replay_both(
     in_use: Model, offered: Model, recording: Recording, noise: float, seconds: float
-) -> BothReplayed:
+) -> ReplayComparison:
     """Run both models on the recording's drive; `seconds` of it have a reading. Raises BadInput if
     a model cannot be run on it."""
     before, after = validate(in_use, recording), validate(offered, recording)
-    return BothReplayed(before.rms, after.rms, noise, seconds)
+    return ReplayComparison(before.rms, after.rms, noise, seconds)
 
 
 def keep_zero(in_use: Model, offered: Model, recording: Recording) -> Model:
@@ -68,6 +68,6 @@ def with_blocks(model: Model, blocks: Iterable[Block]) -> Model:
     behind = [b for b in added if b.place != "drive"]
 
     def rank(block: Block) -> float:
-        return BESIDE if KINDS[block.kind].beside else PLACES[block.place]
+        return PARALLEL if KINDS[block.kind].is_parallel else PLACES[block.place]
 
     return replace(model, blocks=tuple(sorted([*before, *model.blocks, *behind], key=rank)))

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from dehyst.models.cascade.simulate import channels_of, simulate
-from dehyst.models.diagnosis.effects import behind_output
+from dehyst.models.diagnosis.effects import apply_output_effects
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.tuning import TUNING
@@ -26,7 +26,7 @@ REACH_BEYOND = 0.2  # of the drive's range: how far another drive of the same ki
 REACH_SAMPLES, REACH_S = 300, 0.1  # samples of one sweep over the range, and their interval
 
 
-def compact(problem: Problem, fitted: JointFit) -> Hysteresis:
+def nearest_monotone_hysteresis(problem: Problem, fitted: JointFit) -> Hysteresis:
     """Return the monotone static model nearest to a fit's hysteresis output: play weights >= 0."""
     data, base = problem.data, problem.base
     v = problem.drive_at_hysteresis(fitted.effects)
@@ -43,13 +43,13 @@ def compact(problem: Problem, fitted: JointFit) -> Hysteresis:
     return Hysteresis(r=r, b=sign * b, c=np.array([0.0, 1.0]), u_offset=base.low)
 
 
-def augmented(problem: Problem, fitted: JointFit) -> Model:
+def build_augmented_model(problem: Problem, fitted: JointFit) -> Model:
     """Return the model with the shape and the effects as blocks."""
-    data, model = problem.data, problem.subject.model
-    if not problem.subject.carries:
-        model = replace(model, hysteresis=compact(problem, fitted), blocks=())
+    data, model = problem.data, problem.diagnosed.model
+    if not problem.diagnosed.carries:
+        model = replace(model, hysteresis=nearest_monotone_hysteresis(problem, fitted), blocks=())
     added, constant = _added(problem, fitted, model.hysteresis)
-    settled = behind_output(data, fitted.effects, np.ones((data.n, 1)))[0, 0]  # static gain
+    settled = apply_output_effects(data, fitted.effects, np.ones((data.n, 1)))[0, 0]  # static gain
     c = np.array(model.hysteresis.c)
     c[0] += constant + float(fitted.offsets.mean()) / settled
     first = [lead("drive", data.early * data.period)] if data.early else []
@@ -64,7 +64,7 @@ def augmented(problem: Problem, fitted: JointFit) -> Model:
     behind = [b for b in effects if b.place != "drive"]
     rank = {"drive": 0, "stage": 1, "sensor": 2}
     blocks = sorted(
-        [*before, *own, *behind], key=lambda b: 0.5 if KINDS[b.kind].beside else rank[b.place]
+        [*before, *own, *behind], key=lambda b: 0.5 if KINDS[b.kind].is_parallel else rank[b.place]
     )
     rate = np.abs(np.diff(data.u)) / data.dt[1:]
     rate = rate[~data.starts[1:]]
@@ -85,11 +85,11 @@ def augmented(problem: Problem, fitted: JointFit) -> Model:
     )
 
 
-def stays_in_reach(model: Model, data: Data) -> bool:
+def is_within_reach(model: Model, data: Data) -> bool:
     """Return whether the model, driven slowly from rest over the recorded range, stays where the
     stage has been: a shape is known where the recordings went, and powers of it may diverge
     beyond."""
-    u = slow_ways(data)
+    u = slow_sweeps(data)
     channels = {name: np.full(u.size, data.channels[name].mean()) for name in channels_of(model)}
     y = simulate(model, REACH_S, u, channels)
     room = (TUNING.quarter + REACH_BEYOND) * float(np.ptp(data.y))
@@ -97,7 +97,7 @@ def stays_in_reach(model: Model, data: Data) -> bool:
     return here and y.min() >= data.y.min() - room and y.max() <= data.y.max() + room
 
 
-def slow_ways(data: Data) -> Floats:
+def slow_sweeps(data: Data) -> Floats:
     """Return the (3 REACH_SAMPLES,) drive from rest to the top of the recorded range, to its
     bottom, and back to the top, each extended a little: another drive of the same kind may go
     there."""
@@ -134,7 +134,7 @@ def _shape(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> tuple[
     for power in range(1, 6):
         for k in range(power + 1):
             e[k] += comb(power, k) * (-1.0) ** (power - k) * powers[power - 1]
-    if not problem.subject.carries:
+    if not problem.diagnosed.carries:
         e[1] -= hysteresis.b * half
     scale = DriveScale(base.low, half, problem.data.drive_unit)
     return curved_plays(base.thresholds * base.span, e[1:], scale), float(np.sum(e[0]))

@@ -142,7 +142,7 @@ def numbers_base(data: Data, hysteresis: Hysteresis) -> Base:
 
 
 @dataclass(frozen=True)
-class Leaning:
+class ModelPrior:
     """Target for the base where nothing was recorded: columns (m, width), target (m,)."""
 
     columns: Floats
@@ -156,7 +156,7 @@ class Leaning:
             moment[own] += self.columns.T @ self.target
 
 
-NO_LEANING = Leaning(np.zeros((0, 0)), np.zeros(0))
+NO_MODEL_PRIOR = ModelPrior(np.zeros((0, 0)), np.zeros(0))
 
 
 @njit(cache=True, nogil=True)

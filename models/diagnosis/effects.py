@@ -25,12 +25,12 @@ class Effect:
         return self.candidate.params_at(self.theta)
 
 
-def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+def in_cascade_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """Return the effects in the order of the cascade."""
     return tuple(sorted(effects, key=lambda e: e.candidate.order))
 
 
-def drive_behind(data: Data, effects: Sequence[Effect]) -> Floats:
+def apply_drive_effects(data: Data, effects: Sequence[Effect]) -> Floats:
     """Return the drive (N,) that reaches the hysteresis."""
     v = data.u
     for e in effects:
@@ -39,7 +39,7 @@ def drive_behind(data: Data, effects: Sequence[Effect]) -> Floats:
     return v
 
 
-def behind_output(data: Data, effects: Sequence[Effect], x: Floats) -> Floats:
+def apply_output_effects(data: Data, effects: Sequence[Effect], x: Floats) -> Floats:
     """Return columns (N, k) filtered by the effects that act on the hysteresis' output."""
     for e in effects:
         if e.candidate.mode == "output":
@@ -47,7 +47,7 @@ def behind_output(data: Data, effects: Sequence[Effect], x: Floats) -> Floats:
     return x
 
 
-def internal(effects: Sequence[Effect]) -> Floats:
+def internal_parameters(effects: Sequence[Effect]) -> Floats:
     """Return the nonlinear parameters of all effects: logarithms for those searched on a
     logarithmic scale, the others scaled by their range, so that a step of one is large."""
     out = []
@@ -57,7 +57,7 @@ def internal(effects: Sequence[Effect]) -> Floats:
     return np.array(out, dtype=float)
 
 
-def moved(effects: Sequence[Effect], p: Floats, step: Floats) -> tuple[Effect, ...]:
+def move_parameters(effects: Sequence[Effect], p: Floats, step: Floats) -> tuple[Effect, ...]:
     """Return the effects with their internal parameters p moved by step, clipped to their
     bounds."""
     out, i = [], 0
@@ -72,7 +72,7 @@ def moved(effects: Sequence[Effect], p: Floats, step: Floats) -> tuple[Effect, .
     return tuple(out)
 
 
-def on_bound(effect: Effect) -> list[str]:
+def parameters_at_bound(effect: Effect) -> list[str]:
     """Return the keys of parameters at a bound, which are not identified."""
     out = []
     for p, v in zip(effect.parameters, effect.theta, strict=True):

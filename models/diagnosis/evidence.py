@@ -71,7 +71,7 @@ def constancy(problem: Problem, sigma: float, x: Floats, r: Floats) -> Constancy
     return Constancy(spread, by, float(weight[by < 0.3].sum()))
 
 
-def by_blocks(problem: Problem, fitted: JointFit) -> float:
+def blockwise_held_out_error(problem: Problem, fitted: JointFit) -> float:
     """Return the mean square error over all groups of short time blocks, each predicted by a fit
     without it. Samples in no group (below 0) are always fitted and never predicted."""
     data, x = problem.data, fitted.design
@@ -84,7 +84,7 @@ def by_blocks(problem: Problem, fitted: JointFit) -> float:
     always = x[groups < 0]
     total = np.sum(grams, axis=0) + always.T @ always
     moment = np.sum(moments, axis=0) + always.T @ left[groups < 0]
-    problem.leaning.add_to(total, moment, len(data.names))
+    problem.model_prior.add_to(total, moment, len(data.names))
     scale = np.sqrt(np.maximum(np.diag(total), 1e-30))
     penalty = problem.penalty(scale.size)
     sse, count = np.zeros(ids.size), np.zeros(ids.size)

@@ -15,19 +15,19 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dehyst.models.diagnosis.base import NO_LEANING, Base, Leaning, rich_base
+from dehyst.models.diagnosis.base import NO_MODEL_PRIOR, Base, ModelPrior, rich_base
 from dehyst.models.diagnosis.columns import Columns
-from dehyst.models.diagnosis.data.way import one_loop_alone, places_seen
+from dehyst.models.diagnosis.data.drive_path import count_distinct_places, is_single_loop
+from dehyst.models.diagnosis.diagnosed_model import NO_MODEL, DiagnosedModel
 from dehyst.models.diagnosis.effects import (
     Effect,
-    behind_output,
-    drive_behind,
-    in_order,
-    internal,
-    moved,
+    apply_drive_effects,
+    apply_output_effects,
+    in_cascade_order,
+    internal_parameters,
+    move_parameters,
 )
 from dehyst.models.diagnosis.joint_fit import JointFit, solve_ridged
-from dehyst.models.diagnosis.subject import NO_MODEL, Subject
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Context
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
@@ -47,36 +47,36 @@ class Problem:
 
     data: Data
     base: Base
-    subject: Subject = NO_MODEL
+    diagnosed: DiagnosedModel = NO_MODEL
     several: Callable[..., Iterable[Any]] = map
-    leaning: Leaning = NO_LEANING  # rows in addition to the recorded ones
+    model_prior: ModelPrior = NO_MODEL_PRIOR  # rows in addition to the recorded ones
     stiffness: float = 1.0  # factor on the base's prior
     around: JointFit | None = None
 
     def __post_init__(self) -> None:
         self._solutions: list[int] = []  # width of each; appending is thread-safe
-        self._columns = Columns(self.base, self.subject)
+        self._columns = Columns(self.base, self.diagnosed)
         self._kept_base: tuple[Floats, Floats] | None = None
         self.row_index = np.flatnonzero(self.data.rows)
         self.all_rows = bool(self.data.rows.all())
 
     @cached_property
-    def one_loop_alone(self) -> bool:
+    def is_single_loop(self) -> bool:
         """Whether the drive only repeats a single loop."""
-        return one_loop_alone(self.data)
+        return is_single_loop(self.data)
 
     @cached_property
-    def few_places(self) -> bool:
+    def has_few_distinct_places(self) -> bool:
         """Whether the drive is sampled at no more distinct places of its path than a rich base has
         columns."""
-        return places_seen(self.data) <= rich_base(self.data).width
+        return count_distinct_places(self.data) <= rich_base(self.data).width
 
     @property
-    def solved(self) -> int:
+    def solution_count(self) -> int:
         """Number of full solutions so far."""
         return len(self._solutions)
 
-    def light(self, most: int) -> "Problem":
+    def with_fewer_rows(self, most: int) -> "Problem":
         """Return the same problem with at most about `most` rows counted, evenly spaced; every
         operator still runs through all samples."""
         every = max(1, int(self.row_index.size // most))
@@ -88,17 +88,17 @@ class Problem:
         """Return the same problem with another reading (N,)."""
         return self._alike(True, data=replace(self.data, y=y))
 
-    def with_steps(self, stepped: bool = True, led: bool = False) -> "Problem":
+    def with_zero_order_hold(self, stepped: bool = True, led: bool = False) -> "Problem":
         """Return the same problem with lags and modes fed by steps, or by straight lines between
         samples (led: half a sample earlier)."""
         return self._alike(True, data=replace(self.data, stepped=stepped, led=led))
 
-    def one_by_one(self) -> "Problem":
+    def with_sequential_fits(self) -> "Problem":
         """Return the same problem with its fits run one after the other, for use where whole
         searches run in parallel."""
         return self._alike(True, several=map)
 
-    def about(self, fitted: JointFit) -> "Problem":
+    def linearised_about(self, fitted: JointFit) -> "Problem":
         """Return the same problem linearised about a fit."""
         return self._alike(False, around=fitted)
 
@@ -128,11 +128,11 @@ class Problem:
         reading is used instead.
         """
         data = self.data
-        effects = in_order(effects)
+        effects = in_cascade_order(effects)
         v = self.drive_at_hysteresis(effects)
         same = all(e.candidate.mode != "drive" for e in effects)
         model = self._columns.of_model(data.path, v, same)[:, None]
-        fixed = data.sampled(behind_output(data.path, effects, model)[:, 0])
+        fixed = data.sampled(apply_output_effects(data.path, effects, model)[:, 0])
         around = self.around
         if around is not None:
             fixed = fixed + self._added(effects, v, around.weights) - around.added
@@ -156,7 +156,7 @@ class Problem:
         gram[width:] = x[:, width:].T @ x
         gram[:width, width:] = gram[width:, :width].T
         moment = x.T @ self.counted(data.y - fixed)
-        self.leaning.add_to(gram, moment, k)
+        self.model_prior.add_to(gram, moment, k)
         w, cov = solve_ridged(gram, moment, self.penalty(moment.size))
         weights = w[k:width]
         added = self._added(way, v_there, weights)
@@ -200,8 +200,8 @@ class Problem:
             return np.zeros(self.data.n)
         path = self.data.path
         inner = self.base.combine(v, path.forgets, weights)
-        inner = self.subject.passed(path, inner[:, None])
-        return self.data.sampled(behind_output(path, effects, inner)[:, 0])
+        inner = self.diagnosed.apply_linear_blocks(path, inner[:, None])
+        return self.data.sampled(apply_output_effects(path, effects, inner)[:, 0])
 
     def simulate(
         self,
@@ -225,10 +225,10 @@ class Problem:
         if (way, "base") not in known:
             weights = fitted.weights if self.around is None else self.around.weights
             added = self.base.combine(v, data.path.forgets, weights)
-            added = self.subject.passed(data.path, added[:, None])[:, 0]
+            added = self.diagnosed.apply_linear_blocks(data.path, added[:, None])[:, 0]
             known[way, "base"] = self._columns.of_model(data.path, v, not way) + added
         h = known[way, "base"]
-        y = data.sampled(behind_output(data.path, effects, h[:, None])[:, 0])
+        y = data.sampled(apply_output_effects(data.path, effects, h[:, None])[:, 0])
         y = y + fitted.offsets[data.rec]
         if self.around is not None:
             y = y + (fitted.added - self.around.added)
@@ -248,7 +248,7 @@ class Problem:
     def drive_at_hysteresis(self, effects: Sequence[Effect]) -> Floats:
         """Return the (M,) drive on its path, after the drive parts of the effects and of the
         model."""
-        return self.subject.drive(self.data.path, drive_behind(self.data.path, effects))
+        return self.diagnosed.drive(self.data.path, apply_drive_effects(self.data.path, effects))
 
     def projector(self, fitted: JointFit) -> Callable[[Floats], Floats]:
         """Return a function that maps x (N, k) to its counted rows, projected off the columns of a
@@ -276,7 +276,7 @@ class Problem:
         fall of the sum of squares at which it stops; None: it stops early, which is enough to rank
         candidates.
         """
-        effects = in_order(effects)
+        effects = in_cascade_order(effects)
         best = self.solve(effects, None if start is None else self.output_of(start))
         if not any(e.theta for e in effects):
             return self.solve(effects, self.output_of(best))
@@ -316,7 +316,7 @@ class Problem:
             better = False
             for _ in range(4):
                 move = np.clip(np.linalg.solve(a + damping * diag, g), -reach, reach)
-                trial = moved(effects, p, move)
+                trial = move_parameters(effects, p, move)
                 error = self.data.y - self.simulate(here, trial, out, known)
                 error = project(error[:, None])[:, 0]
                 trial_sse = float(error @ error)
@@ -335,18 +335,18 @@ class Problem:
     ) -> tuple[Floats, Floats]:
         """Return internal parameters (p,) and the derivative (N, p) of the prediction at fixed
         weights."""
-        p = internal(fitted.effects)
+        p = internal_parameters(fitted.effects)
         known = {} if known is None else known
         here = self.simulate(fitted, fitted.effects, output, known)
         jac = np.empty((self.data.n, p.size))
         for i in range(p.size):
             step = np.zeros(p.size)
             step[i] = 1e-3
-            there = moved(fitted.effects, p, step)
-            actual = internal(there)[i] - p[i]
+            there = move_parameters(fitted.effects, p, step)
+            actual = internal_parameters(there)[i] - p[i]
             if abs(actual) < 1e-6:  # on the upper bound: step back
-                there = moved(fitted.effects, p, -step)
-                actual = internal(there)[i] - p[i]
+                there = move_parameters(fitted.effects, p, -step)
+                actual = internal_parameters(there)[i] - p[i]
             if abs(actual) < 1e-9:
                 jac[:, i] = 0.0
                 continue

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import stdtrit
 
-from dehyst.models.diagnosis.effects import Effect, internal, moved
+from dehyst.models.diagnosis.effects import Effect, internal_parameters, move_parameters
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.result import Value
@@ -27,7 +27,7 @@ def intervals(problem: Problem, fitted: JointFit, sigma: float) -> list[dict[str
     if not fitted.effects:
         return []
     cov = _covariance(problem, fitted, sigma)
-    p = internal(fitted.effects)
+    p = internal_parameters(fitted.effects)
     out = []
     theta_at, amplitude_at = 0, p.size
     for i, effect in enumerate(fitted.effects):
@@ -35,7 +35,7 @@ def intervals(problem: Problem, fitted: JointFit, sigma: float) -> list[dict[str
         theta_to, amplitude_to = theta_at + len(effect.theta), amplitude_at + amplitudes.size
         at = np.r_[theta_at:theta_to, amplitude_at:amplitude_to]
         theta_at, amplitude_at = theta_to, amplitude_to
-        least = TUNING.half if problem.few_places and effect.candidate.late else 0.0
+        least = TUNING.half if problem.has_few_distinct_places and effect.candidate.late else 0.0
         out.append(_values(fitted, i, p, cov[np.ix_(at, at)], least))
     return out
 
@@ -46,7 +46,7 @@ def _values(fitted: JointFit, index: int, p: Floats, cov: Floats, least: float) 
     effect, amplitudes = fitted.effects[index], fitted.amplitudes[index]
     best = effect.candidate.values(effect.theta, amplitudes)
     count = len(effect.theta)
-    own = internal([effect])
+    own = internal_parameters([effect])
     gradient: dict[str, list[float]] = {key: [] for key in best}
     sure = {
         p.key: max(p.sure + (p.within / abs(v) if p.within else 0.0), least)
@@ -60,10 +60,10 @@ def _values(fitted: JointFit, index: int, p: Floats, cov: Floats, least: float) 
         theta, amps = effect.theta, np.array(amplitudes)
         if j < count:
             theta = _stepped(effect, own, j, step)
-            actual = internal([Effect(effect.candidate, theta)])[j] - own[j]
+            actual = internal_parameters([Effect(effect.candidate, theta)])[j] - own[j]
             if abs(actual) < 0.5 * step:
                 theta = _stepped(effect, own, j, -step)
-                actual = internal([Effect(effect.candidate, theta)])[j] - own[j]
+                actual = internal_parameters([Effect(effect.candidate, theta)])[j] - own[j]
             step = actual
         else:
             amps[j - count] += step
@@ -90,7 +90,7 @@ def _values(fitted: JointFit, index: int, p: Floats, cov: Floats, least: float) 
 def _stepped(effect: Effect, own: Floats, j: int, step: float) -> tuple[float, ...]:
     move = np.zeros(own.size)
     move[j] = step
-    return moved([effect], own, move)[0].theta
+    return move_parameters([effect], own, move)[0].theta
 
 
 def _spread_before(effects: Sequence[Effect]) -> Floats:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dehyst.models.diagnosis.base import compact_base
-from dehyst.models.diagnosis.data.way import moves_against, places_seen
-from dehyst.models.diagnosis.effects import Effect, on_bound
+from dehyst.models.diagnosis.data.drive_path import count_distinct_places, is_moving_against_drive
+from dehyst.models.diagnosis.effects import Effect, parameters_at_bound
 from dehyst.models.diagnosis.evidence import Constancy, constancy, contribution
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
@@ -49,7 +49,7 @@ class SearchState:
     passed_over: tuple[str, ...] = ()  # keys of less likely equivalents
 
 
-def excess(problem: Problem, fit: JointFit, sigma: float) -> float:
+def misfit_beyond_noise(problem: Problem, fit: JointFit, sigma: float) -> float:
     """Return the mean square misfit beyond the noise, >= 0 [displacement unit squared]."""
     n = int(problem.data.rows.sum())
     free = n - fit.design.shape[1]
@@ -58,9 +58,9 @@ def excess(problem: Problem, fit: JointFit, sigma: float) -> float:
 
 def least_size(problem: Problem, candidate: Candidate) -> float:
     """Return the smallest rms, in noise rms, that a candidate must remove."""
-    if candidate.driven and problem.one_loop_alone:
+    if candidate.driven and problem.is_single_loop:
         return TUNING.strong
-    if candidate.static or candidate.last:
+    if candidate.static or candidate.is_last_resort:
         return TUNING.clear
     return TUNING.visible if candidate.driven else TUNING.trace
 
@@ -93,15 +93,15 @@ def least_share(state: SearchState, left: float) -> float:
     return max(state.share, TUNING.half) if quiet else state.share
 
 
-def tells_what_is_late(problem: Problem, sigma: float) -> bool:
+def can_distinguish_lag(problem: Problem, sigma: float) -> bool:
     """Return whether a delay, a lag or a slew limit can be distinguished from the loop. It cannot
     where the drive is sampled at so few places that even a compact base has a column for nearly
     each, unless the displacement moves against the drive."""
-    if not problem.few_places:
+    if not problem.has_few_distinct_places:
         return True
     columns = compact_base(problem.data).width + len(problem.data.names)
-    enough = places_seen(problem.data) >= TUNING.near * columns
-    return enough or moves_against(problem.data, sigma)
+    enough = count_distinct_places(problem.data) >= TUNING.near * columns
+    return enough or is_moving_against_drive(problem.data, sigma)
 
 
 def effect_of(fit: JointFit, key: str) -> Effect:
@@ -109,7 +109,7 @@ def effect_of(fit: JointFit, key: str) -> Effect:
     return next(e for e in fit.effects if e.candidate.key == key)
 
 
-def tried(
+def try_candidate(
     problem: Problem, sigma: float, current: JointFit, c: Candidate, start: Sequence[float]
 ) -> CandidateTrial:
     """Return a candidate's trial, refitted jointly with the accepted effects, and its price."""
@@ -132,7 +132,7 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
     steady = None
     index = trial.candidate.size_index
     size = effect.parameters[index] if index is not None else None
-    if not why and size and not size.whole and size.key in on_bound(effect):
+    if not why and size and not size.whole and size.key in parameters_at_bound(effect):
         why = "its size is at a bound: not identified"
     if trial.worth <= 0:
         why = why or "not worth its parameters"
@@ -142,8 +142,8 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
         why = why or "too small a part of the misfit"
     else:
         steady = constancy(problem, sigma, *contribution(problem, trial.fit, effect))
-        leaves = excess(problem, trial.fit, sigma)
-        if trial.candidate.last and leaves > max((0.3 * sigma) ** 2, 0.25 * left):
+        leaves = misfit_beyond_noise(problem, trial.fit, sigma)
+        if trial.candidate.is_last_resort and leaves > max((0.3 * sigma) ** 2, 0.25 * left):
             why = why or "structure remains that it does not explain"
         if not why and (steady.wrong > 0.3 or steady.spread > trial.candidate.widest_spread):
             why = "not constant over the recordings"
@@ -155,8 +155,8 @@ def is_sure(state: SearchState, trial: CandidateTrial, left: float) -> bool:
     about half of the misfit, and is the same everywhere."""
     n, candidate = int(state.problem.data.rows.sum()), trial.candidate
     effect = effect_of(trial.fit, candidate.key)
-    like_the_loop = candidate.static and candidate.driven and state.problem.one_loop_alone
-    if like_the_loop or not candidate.may_be_small(effect.theta):
+    like_the_loop = candidate.static and candidate.driven and state.problem.is_single_loop
+    if like_the_loop or not candidate.can_count_when_small(effect.theta):
         return False
     noise = (TUNING.visible * state.sigma) ** 2
     least = least_power(state, candidate, TUNING.visible) if candidate.static else noise
@@ -166,17 +166,17 @@ def is_sure(state: SearchState, trial: CandidateTrial, left: float) -> bool:
     return steady.spread < TUNING.quarter and steady.wrong == 0.0
 
 
-def worth_with_company(
+def worth_with_companion(
     state: SearchState, trial: CandidateTrial, everything: Sequence[Candidate]
 ) -> float:
     """Return the fall of the sum of squares by the trial's candidate together with the one that
     must accompany it, less a price for each of their parameters (G. Schwarz, Ann. Statist. 6,
     1978), so that two explanations of the same misfit are compared as a whole."""
     problem, fit = state.problem, trial.fit
-    company = trial.candidate.company()
-    if company and company not in fit.effect_names:
+    companion = trial.candidate.required_companion()
+    if companion and companion not in fit.effect_names:
         data, alone = problem.data, fit
-        for other in (c for c in everything if c.key == company):
+        for other in (c for c in everything if c.key == companion):
             for theta in other.starts(data, alone.residual(data)):
                 both = problem.refit([*alone.effects, Effect(other, theta)], start=alone)
                 fit = min(fit, both, key=lambda f: f.sse)

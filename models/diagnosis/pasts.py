@@ -23,11 +23,11 @@ AS_WELL = 1.15  # largest rms of a head, times that of the other rows
 NO_WORSE = 0.15  # of the noise: allowed increase of what the other rows leave
 
 
-def begin_as_found(data: Data) -> Data:
+def choose_pasts(data: Data) -> Data:
     """Return the same data with the marks of `forgets` that fit best, found one recording after the
     other; de-energised where nothing distinguishes them. A recording that counts from its first
     samples on is taken as de-energised: a wrong past would only absorb what is to be found."""
-    light = Problem(data, rich_base(data)).light(TUNING.search_rows)
+    light = Problem(data, rich_base(data)).with_fewer_rows(TUNING.search_rows)
     best, least = light.data, light.solve([]).sse
     for first in np.flatnonzero(data.forgets).tolist():
         if data.rows[first : first + TUNING.settling].any():

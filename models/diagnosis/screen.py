@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from dehyst.models.diagnosis.effects import Effect, Theta, in_order
+from dehyst.models.diagnosis.effects import Effect, Theta, in_cascade_order
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.physics.candidate import Candidate, Context, Probe
@@ -41,18 +41,18 @@ class Screen:
             good = norms > 1e-9 * max(float(norms.max()), 1e-30)
             self._tangent, _ = np.linalg.qr(projected[:, good])
         self._kept: dict[tuple[str, Theta], Floats] | None = None
-        self._leave(problem.data.y - current.prediction)
+        self._set_residual(problem.data.y - current.prediction)
 
-    def _leave(self, residual: Floats) -> None:
+    def _set_residual(self, residual: Floats) -> None:
         self.residual = residual
         self.r = self.projected(residual[:, None])[:, 0]
 
-    def leaving(self, residual: Floats) -> "Screen":
+    def with_residual(self, residual: Floats) -> "Screen":
         """Return the same screen for a slightly different residual (N,), from another reading of
         the same drive; the contributions of the starts are computed once for both."""
         self._kept = {} if self._kept is None else self._kept
         out = copy.copy(self)
-        out._leave(residual)
+        out._set_residual(residual)
         return out
 
     def projected(self, x: Floats) -> Floats:
@@ -69,7 +69,7 @@ class Screen:
         c, data = effect.candidate, self.problem.data
         if c.mode == "columns":
             return c.columns(data, Context(self.drive, self.output), effect.theta)
-        effects = in_order([*self.current.effects, effect])
+        effects = in_cascade_order([*self.current.effects, effect])
         parts = {
             e.candidate.key: a
             for e, a in zip(self.current.effects, self.current.amplitudes, strict=True)
@@ -102,7 +102,7 @@ class Screen:
                 gain = float(g[0] ** 2 / a[0, 0]) if a[0, 0] > 0 and g[0] > 0 else 0.0
                 if gain > 0:
                     theta = candidate.scaled(theta, float(g[0] / a[0, 0]))
-            likely = candidate.likely(theta, amplitudes)
+            likely = candidate.plausibility_weight(theta, amplitudes)
             scores.append((likely * gain, gain if likely else 0.0, theta))
         return [score[1:] for score in sorted(scores, key=lambda s: -s[0])]
 
@@ -119,7 +119,7 @@ class Screen:
         return [kept[candidate.key, theta] for theta in starts]
 
 
-def contribution_of(look: Screen, c: Candidate, probe: Probe) -> Floats:
+def contribution_of(screen: Screen, c: Candidate, probe: Probe) -> Floats:
     """Return (N,) what the candidate adds to the reading at a given strength."""
-    x = look.contribution(Effect(c, probe.theta))
+    x = screen.contribution(Effect(c, probe.theta))
     return x @ np.array(probe.amplitudes) if c.mode == "columns" else x[:, 0]

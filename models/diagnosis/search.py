@@ -11,26 +11,26 @@ from itertools import pairwise
 
 import numpy as np
 
-from dehyst.models.diagnosis.effects import Effect, on_bound
+from dehyst.models.diagnosis.effects import Effect, parameters_at_bound
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import (
     CandidateTrial,
     SearchState,
     effect_of,
-    excess,
     judge,
     least_size,
-    tried,
-    worth_with_company,
+    misfit_beyond_noise,
+    try_candidate,
+    worth_with_companion,
 )
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.shortlist import (
     ScreenedCandidate,
-    in_order_of_promise,
-    may_be_tried,
-    still_open,
-    to_be_refitted,
+    list_eligible,
+    list_remaining,
+    rank_by_estimated_gain,
+    select_for_refit,
 )
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Candidate
@@ -56,11 +56,12 @@ def search(
     bare = SearchState(problem, sigma, null, null, counted=counted, share=share)
     state = _forward(bare, say, forbidden)
     first = state.accepted.effects
-    left = excess(problem, state.accepted, sigma)
+    left = misfit_beyond_noise(problem, state.accepted, sigma)
     if len(first) >= 2 and state.rounds:
         # one back-track: a wrong first pick is often compensated by several others
         chosen = next(t for t in state.rounds[0] if t.candidate.key in state.picked[:1])
-        last = chosen.candidate.last  # it should leave no structure, yet more was accepted
+        # it should leave no structure, yet more was accepted
+        last = chosen.candidate.is_last_resort
         part = TUNING.half if last else TUNING.most
         rivals = [
             t
@@ -68,17 +69,17 @@ def search(
             if t is not chosen and not t.refused and t.gain > part * chosen.gain
         ]
         doubtful = chosen.candidate.driven or last
-        if rivals and doubtful and problem.solved < 0.5 * TUNING.budget:
+        if rivals and doubtful and problem.solution_count < 0.5 * TUNING.budget:
             other = _forward(bare, say, (*forbidden, chosen.candidate.key))
-            if better(other, state, left):
+            if is_better_search(other, state, left):
                 state = other
     return state
 
 
-def better(other: SearchState, state: SearchState, left: float) -> bool:
+def is_better_search(other: SearchState, state: SearchState, left: float) -> bool:
     """Return whether another search explains the same with fewer physics, or clearly more."""
     n = int(state.problem.data.rows.sum())
-    other_left = excess(state.problem, other.accepted, state.sigma)
+    other_left = misfit_beyond_noise(state.problem, other.accepted, state.sigma)
     margin = max(0.1 * left, (0.07 * state.sigma) ** 2)
     count, other_count = (
         len({e.candidate.name for e in s.accepted.effects}) for s in (state, other)
@@ -93,12 +94,12 @@ def better(other: SearchState, state: SearchState, left: float) -> bool:
 
 
 def _forward(state: SearchState, say: Say, forbidden: Sequence[str]) -> SearchState:
-    everything = may_be_tried(state.problem.data, state.share, forbidden)
+    everything = list_eligible(state.problem.data, state.share, forbidden)
     for number in range(TUNING.max_effects):
-        if state.problem.solved > TUNING.budget:
+        if state.problem.solution_count > TUNING.budget:
             break
         before = state.picked
-        state = _go_round(state, everything, TUNING.shortlist, say, number)
+        state = _run_round(state, everything, TUNING.shortlist, say, number)
         if state.picked == before:
             break
     return state
@@ -109,21 +110,21 @@ def search_one_more(
 ) -> SearchState:
     """Search one more round from a state's accepted effects. shortlist: candidates that get the
     full refit; more: candidates in addition to the library's."""
-    everything = [*may_be_tried(state.problem.data, state.share, ()), *more]
-    return _go_round(state, everything, shortlist, lambda text, share: None, 0)
+    everything = [*list_eligible(state.problem.data, state.share, ()), *more]
+    return _run_round(state, everything, shortlist, lambda text, share: None, 0)
 
 
-def _go_round(
+def _run_round(
     state: SearchState, everything: Sequence[Candidate], shortlist: int, say: Say, number: int
 ) -> SearchState:
     """Screen, refit a short list and accept the best, if there is one."""
-    look, pool = (
+    screen, pool = (
         Screen(state.problem, state.accepted),
-        still_open(state.problem, state.accepted, everything),
+        list_remaining(state.problem, state.accepted, everything),
     )
-    screened = zip(pool, state.problem.several(look.starts, pool), strict=True)
-    ranked = in_order_of_promise(state, screened)
-    trials = refit_each(state, to_be_refitted(ranked, shortlist), say, number)
+    screened = zip(pool, state.problem.several(screen.starts, pool), strict=True)
+    ranked = rank_by_estimated_gain(state, screened)
+    trials = refit_each(state, select_for_refit(ranked, shortlist), say, number)
     return accept_best(state, trials, everything)
 
 
@@ -135,9 +136,9 @@ def refit_each(
 
     def attempt(one: ScreenedCandidate) -> CandidateTrial:
         c = one.candidate
-        starts = [one.theta, *one.further, *_from_afar(problem, current, c)]
-        starts += [double for theta in starts for double in c.doubles(theta)]
-        trials = [tried(problem, sigma, current, c, theta) for theta in starts]
+        starts = [one.theta, *one.further, *_distant_starts(problem, current, c)]
+        starts += [double for theta in starts for double in c.likelier_equivalents(theta)]
+        trials = [try_candidate(problem, sigma, current, c, theta) for theta in starts]
         return max(trials, key=_likely_gain)
 
     trials = []
@@ -150,10 +151,12 @@ def refit_each(
 
 def _likely_gain(trial: CandidateTrial) -> float:
     effect = effect_of(trial.fit, trial.candidate.key)
-    return trial.gain * effect.candidate.likely(effect.theta, trial.fit.amplitudes_of(effect))
+    return trial.gain * effect.candidate.plausibility_weight(
+        effect.theta, trial.fit.amplitudes_of(effect)
+    )
 
 
-def _from_afar(problem: Problem, current: JointFit, c: Candidate) -> list[tuple[float, ...]]:
+def _distant_starts(problem: Problem, current: JointFit, c: Candidate) -> list[tuple[float, ...]]:
     """Return further starts for a slowly sampled drive: an effect of about one sample is too large
     for a first-order estimate from the fit without it. The two starts that fit best are
     returned."""
@@ -174,7 +177,7 @@ def accept_best(
     """Return the state with a round's trials, the best of them accepted. everything: candidates,
     one of which may be a finer form of it."""
     problem, sigma = state.problem, state.sigma
-    left = excess(problem, state.accepted, sigma)
+    left = misfit_beyond_noise(problem, state.accepted, sigma)
     judged = tuple(judge(state, t, left) for t in trials)
     good = [t for t in judged if not t.refused]
     rounds = (*state.rounds, judged)
@@ -209,22 +212,25 @@ def _choices(
     )
     rivals = [chosen, *(t for t in alike if t.candidate.past or chosen.candidate.past)]
     taken = chosen
-    if any(t.candidate.company() for t in rivals):  # include what must be present with it
-        taken = max(rivals, key=lambda t: worth_with_company(state, t, everything))
+    # include what must be present with it
+    if any(t.candidate.required_companion() for t in rivals):
+        taken = max(rivals, key=lambda t: worth_with_companion(state, t, everything))
     return [taken, *(t for t in (chosen, *doubles) if t is not taken)]
 
 
-def _grown(problem: Problem, sigma: float, fit: JointFit, chosen: Candidate) -> JointFit:
+def _with_more_parts(problem: Problem, sigma: float, fit: JointFit, chosen: Candidate) -> JointFit:
     """Return the fit with more parts (modes) of the chosen physics, as long as they pay."""
     n = int(problem.data.rows.sum())
     effect = effect_of(fit, chosen.key)
-    while theta := chosen.grown(effect.theta, problem.data, fit.residual(problem.data)):
+    while theta := chosen.add_mode(effect.theta, problem.data, fit.residual(problem.data)):
         rest = [e for e in fit.effects if e is not effect]
         trial = problem.refit([*rest, Effect(chosen, theta)], start=fit)
         more = effect_of(trial, chosen.key)
-        least = n * max((TUNING.trace * sigma) ** 2, TUNING.crumb * excess(problem, fit, sigma))
+        least = n * max(
+            (TUNING.trace * sigma) ** 2, TUNING.crumb * misfit_beyond_noise(problem, fit, sigma)
+        )
         price = TUNING.price * sigma**2 * (len(theta) - len(effect.theta))
-        if fit.sse - trial.sse <= max(least, price) or on_bound(more):
+        if fit.sse - trial.sse <= max(least, price) or parameters_at_bound(more):
             break
         if chosen.implausible(more.theta, trial.amplitudes_of(more), problem.data):
             break
@@ -242,13 +248,13 @@ def refine_fit(
     """Return the fit with more parts of the chosen physics, or a finer form of it, where that
     pays."""
     n = int(problem.data.rows.sum())
-    fit = _grown(problem, sigma, fit, chosen)
+    fit = _with_more_parts(problem, sigma, fit, chosen)
     for finer in everything:
         if finer.refines != chosen.key:
             continue
         effect = effect_of(fit, chosen.key)
         rest = [e for e in fit.effects if e is not effect]
-        theta = finer.refined(effect.theta)
+        theta = finer.refined_start(effect.theta)
         trial = problem.refit([*rest, Effect(finer, theta)], start=fit)
         if fit.sse - trial.sse > max(n * (TUNING.visible * sigma) ** 2, TUNING.price * sigma**2):
             fit = trial

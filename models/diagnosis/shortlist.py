@@ -4,7 +4,7 @@ may be added to a fit's effects, and what the screen estimates they gain."""
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from dehyst.models.diagnosis.data.way import can_be_distinguished, hardly_turns
+from dehyst.models.diagnosis.data.drive_path import can_be_distinguished, has_few_turns
 from dehyst.models.diagnosis.effects import Theta
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
@@ -15,10 +15,10 @@ from dehyst.models.physics.candidate import Candidate
 from dehyst.models.signals.joined import Data
 
 
-def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]:
+def list_eligible(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]:
     """Return the candidates that may be tried."""
     strict = share > TUNING.minor
-    few = hardly_turns(data)
+    few = has_few_turns(data)
     return [
         c
         for c in list_candidates(data)
@@ -28,13 +28,13 @@ def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Can
     ]
 
 
-def still_open(
+def list_remaining(
     problem: Problem, current: JointFit, everything: Sequence[Candidate]
 ) -> list[Candidate]:
     """Return the candidates that may be added next to a fit's effects."""
     # an effect in its finer form covers the simpler one too
     have = {k for e in current.effects for k in (e.candidate.key, e.candidate.refines)}
-    late = problem.few_places and any(e.candidate.late for e in current.effects)
+    late = problem.has_few_distinct_places and any(e.candidate.late for e in current.effects)
     return [
         c
         for c in everything
@@ -65,7 +65,7 @@ class ScreenedCandidate:
     further: tuple[Theta, ...] = ()
 
 
-def in_order_of_promise(
+def rank_by_estimated_gain(
     state: SearchState, screened: Iterable[tuple[Candidate, Sequence[tuple[float, Theta]]]]
 ) -> list[ScreenedCandidate]:
     """Return the candidates that could be worth a refit, largest estimated gain first. screened:
@@ -85,17 +85,17 @@ def _further(c: Candidate, starts: Sequence[tuple[float, Theta]]) -> tuple[Theta
     return tuple(theta for gain, theta in starts[1 : c.minima] if gain > TUNING.half * starts[0][0])
 
 
-def not_weak(
+def drop_weak(
     some: Sequence[ScreenedCandidate], ranked: Sequence[ScreenedCandidate]
 ) -> list[ScreenedCandidate]:
     """Return those whose estimated gain is more than a small fraction of the largest."""
     return [p for p in some if p.gain > TUNING.minor * ranked[0].gain]
 
 
-def to_be_refitted(ranked: Sequence[ScreenedCandidate], most: int) -> list[ScreenedCandidate]:
+def select_for_refit(ranked: Sequence[ScreenedCandidate], most: int) -> list[ScreenedCandidate]:
     """Return at most `most` of the strongest, and in addition those not caused by the drive and
     those that contain another physics, which take no other candidate's place."""
-    strong = not_weak(ranked, ranked)
+    strong = drop_weak(ranked, ranked)
     beside = [p for p in strong if set(p.candidate.contains) - {p.candidate.name}]
     first = [p for p in strong if p not in beside][:most]
     return [p for p in strong if p in first or p in beside or not p.candidate.driven]

@@ -1,5 +1,5 @@
 """The diagnosis in frozen states, each made from the one before by one function:
-Prepared -> Based -> Searched -> Judged -> Diagnosis (what is reported)."""
+Prepared -> SearchProblem -> Searched -> Judged -> Diagnosis (what is reported)."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from dehyst.models.cascade.history import replay_recording
-from dehyst.models.diagnosis.based import Progress, choose_base, join_recordings
 from dehyst.models.diagnosis.data.locate import locate
-from dehyst.models.diagnosis.data.survey import BUTTERFLY, ONE_SIDE, left_of, survey
-from dehyst.models.diagnosis.findings.asked_again import AskedAgain
+from dehyst.models.diagnosis.data.survey import BUTTERFLY, ONE_SIDE, centred_residual, survey
 from dehyst.models.diagnosis.findings.decide import next_experiment
 from dehyst.models.diagnosis.findings.limits import limits
-from dehyst.models.diagnosis.findings.shape import not_contained
+from dehyst.models.diagnosis.findings.repeated_search import RepeatedSearch
+from dehyst.models.diagnosis.findings.shape import mark_not_contained
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState
 from dehyst.models.diagnosis.result import Diagnosis, Finding, FitView, Value
+from dehyst.models.diagnosis.search_problem import Progress, choose_base, join_recordings
 from dehyst.models.diagnosis.searched import look_for_causes
 from dehyst.models.diagnosis.verdict import Judged, reach_verdict
 from dehyst.models.model import Model
@@ -42,8 +42,8 @@ def diagnose(
     be diagnosed, BadInput where the model cannot be run on them.
     """
     say = progress or (lambda text, fraction: None)
-    based = choose_base(join_recordings(recordings, model, say), several, say)
-    judged = reach_verdict(look_for_causes(based, say), say)
+    search_problem = choose_base(join_recordings(recordings, model, say), several, say)
+    judged = reach_verdict(look_for_causes(search_problem, say), say)
     return _report(judged, recordings, with_limits, say)
 
 
@@ -51,27 +51,32 @@ def _report(
     judged: Judged, recordings: Sequence[Recording], with_limits: bool, say: Progress
 ) -> Diagnosis:
     """Write the report of a verdict: findings, limits, errors before and after, pictures."""
-    searched, found, handed, verdict = judged.searched, judged.found, judged.handed, judged.verdict
-    subject, whole, fitted = searched.bare.subject, searched.whole, judged.fitted
+    searched, found, written, verdict = (
+        judged.searched,
+        judged.found,
+        judged.written,
+        judged.verdict,
+    )
+    diagnosed, whole, fitted = searched.bare.diagnosed, searched.whole, judged.fitted
     say("limits", 0.96)
     findings = judged.findings
     untold = {n for f in findings for n in (f.name, *f.ambiguous_with)}
     wanted = with_limits and verdict in ("clean", "explained")
-    limited = tuple(limits(found, untold, AskedAgain(found).names)) if wanted else ()
+    limited = tuple(limits(found, untold, RepeatedSearch(found).names)) if wanted else ()
     blind = sorted({x.name for x in limited if x.value is None})
     further = next_experiment(verdict, findings, blind)
-    if not handed.contains_shape:
-        findings = tuple(not_contained(f) for f in findings)
+    if not written.contains_shape:
+        findings = tuple(mark_not_contained(f) for f in findings)
     for candidate, sighting in searched.seen:
-        findings = _retell(findings, candidate, sighting)
-    views = tuple(_views(whole, recordings, (subject.model, handed.model)))
+        findings = _with_sighting(findings, candidate, sighting)
+    views = tuple(_views(whole, recordings, (diagnosed.model, written.model)))
     rms: dict[str, Any] = {
         "model": {v.name: _rms((v.displacement - v.base)[v.held_out]) for v in views},
         "augmented": {v.name: _rms((v.displacement - v.augmented)[v.held_out]) for v in views},
-        "heldout_model": float(np.sqrt(handed.held_in_use.mean_square)),
-        "heldout_augmented": float(np.sqrt(handed.held.mean_square)),
+        "heldout_model": float(np.sqrt(written.held_in_use.mean_square)),
+        "heldout_augmented": float(np.sqrt(written.held.mean_square)),
     }
-    noises, left = (found.sigma, judged.noise), left_of(whole, subject.whole(whole))
+    noises, left = (found.sigma, judged.noise), centred_residual(whole, diagnosed.predict(whole))
     quality = survey(whole, fitted, noises, judged.unexplained, searched.warnings)
     say("done", 1.0)
     return Diagnosis(
@@ -84,15 +89,15 @@ def _report(
         would_have_seen=limited,
         rms=rms,
         next_experiment=ONE_SIDE if BUTTERFLY in searched.warnings else further,
-        model=handed.model,
-        base_model=subject.model,
+        model=written.model,
+        base_model=diagnosed.model,
         views=views,
         locate=locate(whole, left, found.sigma),
         tried=tuple(_tried(found.counted, found)),
     )
 
 
-def _retell(
+def _with_sighting(
     findings: Sequence[Finding], candidate: Candidate, sighting: Sighting
 ) -> tuple[Finding, ...]:
     """Return the findings; the one that was seen directly gets the evidence of its sighting."""

@@ -5,22 +5,22 @@ from typing import Any
 
 import numpy as np
 
-from dehyst.models.diagnosis.based import Progress
 from dehyst.models.diagnosis.data.colour import is_coloured
 from dehyst.models.diagnosis.data.locate import hot_spots, locate
-from dehyst.models.diagnosis.data.survey import BUTTERFLY, follows
-from dehyst.models.diagnosis.evidence import by_blocks
-from dehyst.models.diagnosis.findings.decide import unknown, verdict_of
-from dehyst.models.diagnosis.findings.episodes import find_episodes, tell_time
-from dehyst.models.diagnosis.findings.reported import without_kind
-from dehyst.models.diagnosis.findings.shape import not_written
+from dehyst.models.diagnosis.data.survey import BUTTERFLY, has_response_to_drive
+from dehyst.models.diagnosis.evidence import blockwise_held_out_error
+from dehyst.models.diagnosis.findings.decide import decide_verdict, report_unknown
+from dehyst.models.diagnosis.findings.episodes import describe_residual_change, find_episodes
+from dehyst.models.diagnosis.findings.reported import without_effects_of_kind
+from dehyst.models.diagnosis.findings.shape import mark_not_written
 from dehyst.models.diagnosis.findings.weigh import Conclusion, conclude, with_episode
-from dehyst.models.diagnosis.handout import Handed, hand_out
-from dehyst.models.diagnosis.judge import SearchState, base_error, excess
-from dehyst.models.diagnosis.left_out import HeldOutErrors
+from dehyst.models.diagnosis.held_out import HeldOutErrors
+from dehyst.models.diagnosis.judge import SearchState, base_error, misfit_beyond_noise
 from dehyst.models.diagnosis.result import Finding
+from dehyst.models.diagnosis.search_problem import Progress
 from dehyst.models.diagnosis.searched import Searched
 from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.diagnosis.written_model import WrittenModel, choose_written_model
 from dehyst.models.signals.joined import Data, Floats
 
 
@@ -28,7 +28,7 @@ from dehyst.models.signals.joined import Data, Floats
 class Judged:
     """The verdict and its basis. found: the accepted effects; fitted: the samples they were found
     from; noise: rms, of all that is taken as noise; unexplained: mean square of held-out samples
-    that a memory of the drive of any shape leaves; handed: the model that is written."""
+    that a memory of the drive of any shape leaves; written: the model that is written."""
 
     searched: Searched
     found: SearchState
@@ -37,7 +37,7 @@ class Judged:
     findings: tuple[Finding, ...]
     noise: float
     unexplained: float
-    handed: Handed
+    written: WrittenModel
 
 
 @dataclass(frozen=True)
@@ -62,24 +62,26 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
         one = _weigh(searched, fewer, say)
     bare, found, noise = searched.bare, one.found, one.noise
     data = one.conclusion.problem.data
-    unexplained = min(by_blocks(found.problem, fit) for fit in (found.null, found.accepted))
-    lost = not follows(data, unexplained) and not searched.shown
+    unexplained = min(
+        blockwise_held_out_error(found.problem, fit) for fit in (found.null, found.accepted)
+    )
+    lost = not has_response_to_drive(data, unexplained) and not searched.shown
     verdict = "unknown" if lost else one.verdict
     first = one.conclusion.bare
     in_use = HeldOutErrors(first, first, float(np.sqrt(first)))
-    handed = Handed(bare.subject.model, in_use, in_use)
+    written = WrittenModel(bare.diagnosed.model, in_use, in_use)
     if BUTTERFLY not in searched.warnings:  # no model of a butterfly can be inverted
-        handed = hand_out(searched.whole, bare, one.conclusion, found.sigma)
+        written = choose_written_model(searched.whole, bare, one.conclusion, found.sigma)
     findings = [
-        f if f.name == "shape" or f.key in handed.contains else not_written(f)
+        f if f.name == "shape" or f.key in written.contains else mark_not_written(f)
         for f in one.findings
         if not (lost and f.name == "shape")
     ]
     if verdict in ("unknown", "partly"):
         findings.append(_rest(data, one, sum(f.share for f in findings)))
-    if verdict == "explained" and not handed.explains(noise):
+    if verdict == "explained" and not written.explains(noise):
         verdict = "partly"
-    return Judged(searched, found, data, verdict, tuple(findings), noise, unexplained, handed)
+    return Judged(searched, found, data, verdict, tuple(findings), noise, unexplained, written)
 
 
 def _weigh(searched: Searched, found: SearchState, say: Progress) -> _Weighed:
@@ -90,7 +92,10 @@ def _weigh(searched: Searched, found: SearchState, say: Progress) -> _Weighed:
     weighed = conclude(searched.bare, found, searched.shown, searched.episode)
     say("intervals and rivals", 0.92)
     data, findings = weighed.problem.data, weighed.findings
-    residual, left = weighed.final.residual(data), excess(weighed.problem, weighed.final, sigma)
+    residual, left = (
+        weighed.final.residual(data),
+        misfit_beyond_noise(weighed.problem, weighed.final, sigma),
+    )
     late = find_episodes(data, residual, sigma) if searched.episode is None else None
     if late is not None:
         residual = residual - late.removed
@@ -103,9 +108,9 @@ def _weigh(searched: Searched, found: SearchState, say: Progress) -> _Weighed:
         # the whole residual is noise
         left, noise = 0.0, float(np.sqrt(np.mean(residual[data.rows] ** 2)))
     at_first = float(np.sqrt(max(weighed.bare - noise**2, 0.0)))
-    beside = float(np.sqrt(excess(found.problem, found.null, sigma)))
+    any_loop = float(np.sqrt(misfit_beyond_noise(found.problem, found.null, sigma)))
     floor = max(noise, base_error(data) / TUNING.strong)
-    verdict = verdict_of(findings, left, at_first, beside, floor)
+    verdict = decide_verdict(findings, left, at_first, any_loop, floor)
     return _Weighed(found, weighed, findings, residual, left, noise, verdict)
 
 
@@ -113,11 +118,11 @@ def _without_the_doubtful(one: _Weighed) -> SearchState:
     """Return the search's result without effects that may well be part of the residual: slow
     changes, and also those that began before the recording where they remove little."""
     found = one.found
-    fewer = without_kind(found, lambda c: c.slow)
-    before, after = (excess(s.problem, s.accepted, s.sigma) for s in (fewer, found))
+    fewer = without_effects_of_kind(found, lambda c: c.slow)
+    before, after = (misfit_beyond_noise(s.problem, s.accepted, s.sigma) for s in (fewer, found))
     if before - after < (TUNING.half * one.left) ** 2:
         return fewer
-    return without_kind(found, lambda c: c.slow and not c.past)
+    return without_effects_of_kind(found, lambda c: c.slow and not c.past)
 
 
 def _rest(data: Data, one: _Weighed, named: float) -> Finding:
@@ -125,6 +130,6 @@ def _rest(data: Data, one: _Weighed, named: float) -> Finding:
     findings."""
     sigma = one.found.sigma
     where: dict[str, Any] = dict(hot_spots(locate(data, one.residual, sigma)))
-    when, times = tell_time(data, one.residual, sigma)
-    rest = unknown(one.left, min(max(0.0, 1.0 - named), 1.0), where, data.unit, when)
+    when, times = describe_residual_change(data, one.residual, sigma)
+    rest = report_unknown(one.left, min(max(0.0, 1.0 - named), 1.0), where, data.unit, when)
     return replace(rest, where={**where, **times})

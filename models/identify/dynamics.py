@@ -15,7 +15,7 @@ from dehyst.models.identify.data.rows import Rows, compute_rates
 from dehyst.models.physics import KINDS
 from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats
-from dehyst.models.signals.filters import free_decay, lag_step, swing
+from dehyst.models.signals.filters import free_decay, lag_step, second_order_step
 
 SAME = 1e-9  # sampling intervals that differ by less than this part count as equal
 
@@ -74,7 +74,7 @@ def _filter_columns(
             if theta.size == 1:
                 y[i] = lag_step(y[i], before[i], x[t, i], trail * ramp, fall)
             else:
-                y[i], speed[i] = swing(
+                y[i], speed[i] = second_order_step(
                     y[i], speed[i], before[i], x[t, i], ramp, trail * ramp, decay
                 )
             before[i] = x[t, i]

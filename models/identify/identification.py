@@ -48,8 +48,8 @@ from dehyst.models.identify.uncertainty import (
 from dehyst.models.model import Fit, Provenance, Validity
 from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.signals.drive_segments import find_drive_segments, repeats_one_loop
 from dehyst.models.signals.pace import measure_pace
-from dehyst.models.signals.ways import repeats_one_loop, ways_of
 from dehyst.models.units import spell_unit
 
 
@@ -213,7 +213,10 @@ def _is_one_loop(rows: Sequence[Rows], span: float) -> bool:
     """Return whether all recordings together repeat one loop at one rate."""
     known = [~np.isnan(one.u) for one in rows]
     return repeats_one_loop(
-        [ways_of(one.t_s[k], one.u[k], span) for one, k in zip(rows, known, strict=True)]
+        [
+            find_drive_segments(one.t_s[k], one.u[k], span)
+            for one, k in zip(rows, known, strict=True)
+        ]
     )
 
 

@@ -26,7 +26,7 @@ from dehyst.models.identify.thresholds import Prior, space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import estimate_noise
 from dehyst.models.recording import Floats
-from dehyst.models.signals.filters import relaxed
+from dehyst.models.signals.filters import add_relaxation
 
 POWERS = (0, 2, 3)
 FAST = (0.5, 1.3, 3.2, 8.0)  # sampling periods: time constants that represent lags and leads
@@ -134,7 +134,9 @@ def _describe_time(one: Rows) -> Floats:
     groups += np.array_split(np.geomspace(first, last, count), CREEPS)
     columns = np.zeros((one.u.size, len(groups) + len(DRIFT)))
     for place, taus in enumerate(groups):
-        out = relaxed(u[:, None].copy(), taus, steps, fresh, 1.0 / taus.size, float(taus.size))
+        out = add_relaxation(
+            u[:, None].copy(), taus, steps, fresh, 1.0 / taus.size, float(taus.size)
+        )
         columns[known, place] = out[:, 0] - u
     ago = 2.0 * (t - t[0]) / length - 1.0
     for place, power in enumerate(DRIFT, len(groups)):

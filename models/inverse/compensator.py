@@ -170,7 +170,7 @@ class Compensator:
             "planned": self.planned,
             "wanted": self.window_samples if looks else 0,
             "stage_blocks": self.has_stage_blocks,
-            "beside": packed.beside,
+            "beside": packed.has_parallel_blocks,
         }.items():
             self._setting[name] = value
         self._nodes, self._per_node = nodes, per_node

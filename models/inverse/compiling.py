@@ -13,7 +13,7 @@ from dehyst.models.inverse.state import INVERSE
 FLOATS = types.float64[::1]
 
 
-def plan_is_on_disk() -> bool:
+def is_plan_cached() -> bool:
     """Return whether the half of `compile_plan` is in the compilation cache on disk."""
     kept = Path(preview.propose.stats.cache_path)
     return any(kept.glob(f"{preview.__name__.rpartition('.')[2]}.propose-*.nbi"))
@@ -24,10 +24,10 @@ def compile_plan() -> None:
     preview.propose.compile((INVERSE, types.boolean))
 
 
-def compile_beside_plan() -> None:
+def compile_sample_kernels() -> None:
     """Compile what a sample needs in addition to the plan."""
-    lookahead.present.compile((INVERSE,))
+    lookahead.present_target.compile((INVERSE,))
     lookahead.gather_targets.compile((INVERSE,))
     lookahead.take_window.compile((INVERSE, FLOATS, types.int64))
-    sample.aside.compile((INVERSE, types.float64))
+    sample.parallel_contribution.compile((INVERSE, types.float64))
     sample.applied.compile((INVERSE, types.float64, types.boolean))

@@ -11,7 +11,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from dehyst.models.cascade.step import begin_undoing, beside, keep_undone, undo
+from dehyst.models.cascade.step import (
+    fill_parallel_contribution,
+    invert_stage_blocks,
+    start_inverse_states,
+    store_next_inverse_states,
+)
 from dehyst.models.inverse.continuation import extend
 from dehyst.models.inverse.state import Inverse
 from dehyst.models.inverse.tuning import TUNING
@@ -35,7 +40,7 @@ def take_window(inv: Inverse, window: Floats, valid: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def pass_on(inv: Inverse) -> None:
+def advance_window(inv: Inverse) -> None:
     """Advance by one sample: push the present target onto the ring and shift the rest."""
     state, ahead, ring = inv.state[0], inv.ahead, inv.ring
     if state.known == 0:
@@ -102,7 +107,9 @@ def gather_targets(inv: Inverse) -> None:
         low, high = state.seen_low - margin, state.seen_high + margin
         extend(seq[PAST:], trust, known, ahead, y, step_s, low, high)
     if setting.stage_blocks != 0:
-        undo(inv.chain, inv.blocks, inv.scratch, inv.channels, np.int64(PAST), step_s, step_s, seq)
+        invert_stage_blocks(
+            inv.chain, inv.blocks, inv.scratch, inv.channels, np.int64(PAST), step_s, step_s, seq
+        )
     target = inv.nodes.target
     for j in range(n):
         target[j] = seq[PAST + j]
@@ -113,13 +120,13 @@ def gather_targets(inv: Inverse) -> None:
         if state.begun != 0:
             drives[: n - 1] = inv.plan[1:]
             drives[n - 1] = drives[n - 2]
-        beside(inv.chain, inv.blocks, inv.scratch, step_s, drives, add)
+        fill_parallel_contribution(inv.chain, inv.blocks, inv.scratch, step_s, drives, add)
         for j in range(n):
             target[j] -= add[j]
 
 
 @njit(cache=True, nogil=True)
-def present(inv: Inverse) -> float:
+def present_target(inv: Inverse) -> float:
     """Return the present target of hysteresis and parallel blocks, with the stage blocks undone."""
     setting, state = inv.setting[0], inv.state[0]
     late, period = setting.late, setting.period
@@ -130,13 +137,15 @@ def present(inv: Inverse) -> float:
         three[q] = interpolate_target(inv, late + q - 1.0)
     if state.known - 1 < late + 1.0:
         three[2] = 2.0 * three[1] - three[0]
-    undo(inv.chain, inv.blocks, inv.scratch, inv.channels, np.int64(1), period, period, three)
-    keep_undone(inv.chain, inv.blocks, inv.scratch)
+    invert_stage_blocks(
+        inv.chain, inv.blocks, inv.scratch, inv.channels, np.int64(1), period, period, three
+    )
+    store_next_inverse_states(inv.chain, inv.blocks, inv.scratch)
     return three[1]
 
 
 @njit(cache=True, nogil=True)
-def see(inv: Inverse) -> None:
+def widen_target_range(inv: Inverse) -> None:
     """Widen the range of all targets until now by the present and the newest one."""
     state = inv.state[0]
     first, newest = inv.ahead[0], inv.ahead[state.known - 1]
@@ -145,10 +154,10 @@ def see(inv: Inverse) -> None:
 
 
 @njit(cache=True, nogil=True)
-def forget_plan(inv: Inverse) -> None:
+def forget_targets(inv: Inverse) -> None:
     """Restart: forget all passed targets."""
     state = inv.state[0]
-    begin_undoing(inv.chain, inv.blocks)
+    start_inverse_states(inv.chain, inv.blocks)
     state.ring_fill = 0
     state.phase = 0
     state.seen_low, state.seen_high = np.inf, -np.inf

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dehyst.models.cascade.step import undo
+from dehyst.models.cascade.step import invert_stage_blocks
 from dehyst.models.inverse import sample
 from dehyst.models.inverse.compensator import MODES, Compensator, CompensatorState
-from dehyst.models.inverse.refine import refine, swept, within
+from dehyst.models.inverse.refine import improve_by_sweeps, limit_drive, refine
 from dehyst.models.inverse.tuning import TUNING
 from dehyst.models.model import Floats
 
@@ -46,7 +46,9 @@ def _targets(
     if comp.has_stage_blocks:
         led = np.concatenate([[seq[0]], seq])
         blocks = start.inverse.blocks
-        undo(comp.chain, blocks, blocks.copy(), channels, 1, comp.period_s, comp.period_s, led)
+        invert_stage_blocks(
+            comp.chain, blocks, blocks.copy(), channels, 1, comp.period_s, comp.period_s, led
+        )
         seq = led[1:]
     return np.ascontiguousarray(seq)
 
@@ -113,8 +115,8 @@ def invert_trajectory(
     first = channels[0] if n else np.zeros(0)
     goal = _targets(comp, state, target, first)
     static, _ = comp.static.run(goal, state.inverse.plays, at)
-    static = within(comp, static, at)
-    sweeps = swept(comp, static.copy(), state, goal)
+    static = limit_drive(comp, static, at)
+    sweeps = improve_by_sweeps(comp, static.copy(), state, goal)
     drives = {"static": static, "sweeps": sweeps}
     reachable = (streamed.flags & UNREACHABLE) == 0
     settled = _settled(streamed.predicted - target, streamed.flags, comp)

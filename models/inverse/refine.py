@@ -111,7 +111,7 @@ def refine(
         step[:kept] = 0.0
         if not np.all(np.isfinite(step)):
             break
-        trial = within(comp, x - step, x_0)
+        trial = limit_drive(comp, x - step, x_0)
         new, there = at(trial)
         if new < cost:
             stalled = stalled + 1 if cost - new < TUNING.settled * cost else 0
@@ -134,14 +134,16 @@ def _limit(x: Floats, x_0: float, low: float, high: float, travel: float) -> Non
         x[j] = now
 
 
-def within(comp: Compensator, x: Floats, x_0: float) -> Floats:
+def limit_drive(comp: Compensator, x: Floats, x_0: float) -> Floats:
     """Return a drive x (N,) that starts from x_0, limited to range and rate."""
     out = np.ascontiguousarray(x)
     _limit(out, x_0, comp.low, comp.high, comp.rate * comp.period_s)
     return out
 
 
-def swept(comp: Compensator, x: Floats, start: CompensatorState, target: Floats) -> Floats:
+def improve_by_sweeps(
+    comp: Compensator, x: Floats, start: CompensatorState, target: Floats
+) -> Floats:
     """Improve a drive x (N,) by Gauss-Newton sweeps over the whole trajectory."""
     n, dt = x.size, comp.period_s
     smooth = np.full(n, TUNING.whole_smooth * comp.slope**2 * (1e-3 / dt) ** 4)
@@ -172,4 +174,4 @@ def swept(comp: Compensator, x: Floats, start: CompensatorState, target: Floats)
             cost(x)
         if stalled >= 12:
             break
-    return within(comp, x, x_0)
+    return limit_drive(comp, x, x_0)

@@ -8,10 +8,10 @@ from numba import njit
 from dehyst.models.cascade.step import (
     Cascade,
     advance,
-    begin_undoing,
-    beside,
-    go_on_undoing,
+    advance_inverse_states,
+    fill_parallel_contribution,
     lead_drive,
+    start_inverse_states,
 )
 from dehyst.models.inverse import fallback, lookahead, preview
 from dehyst.models.inverse.state import Inverse, inverse_at
@@ -29,7 +29,7 @@ def _cascade(inv: Inverse) -> Cascade:
 
 
 @njit(cache=True, nogil=True)
-def aside(inv: Inverse, y: float) -> float:
+def parallel_contribution(inv: Inverse, y: float) -> float:
     """Return what the blocks parallel to the hysteresis will add while the static inverse makes the
     rest of the displacement y. The secant method finds it; the best iterate is returned."""
     setting, state = inv.setting[0], inv.state[0]
@@ -40,7 +40,7 @@ def aside(inv: Inverse, y: float) -> float:
     best, least = guess, math.inf
     for _ in range(TUNING.secants):
         v[0], _ = inverse_step(inv.static, inv.plays, state.last, y - guess)
-        beside(inv.chain, inv.blocks, inv.scratch, setting.period, v, add)
+        fill_parallel_contribution(inv.chain, inv.blocks, inv.scratch, setting.period, v, add)
         off = add[0] - guess
         if not abs(off) < least:
             if abs(off) > 2.0 * least:
@@ -61,8 +61,8 @@ def _follow(inv: Inverse) -> tuple[float, float, int]:
     """Return the drive at the hysteresis for the present target, its rate, and the mode used."""
     setting, state = inv.setting[0], inv.state[0]
     state.target_before = state.target
-    target = lookahead.present(inv)
-    state.target = target - aside(inv, target)
+    target = lookahead.present_target(inv)
+    state.target = target - parallel_contribution(inv, target)
     guarded = setting.wanted > 0
     if setting.planned == 0:
         v, _ = inverse_step(inv.static, inv.plays, state.last, state.target)
@@ -104,8 +104,8 @@ def propose_drive(inv: Inverse, window: Floats, n_valid: int) -> None:
         flags |= BAD_TARGET
     if lookahead.take_window(inv, window, valid) > 0:
         if state.begun == 0:
-            lookahead.forget_plan(inv)
-        lookahead.see(inv)
+            lookahead.forget_targets(inv)
+        lookahead.widen_target_range(inv)
         v, rate, mode = _follow(inv)
         state.begun = 1
         y_a, y_b = limits.y_first, limits.y_last
@@ -149,12 +149,12 @@ def applied(inv: Inverse, u: float, stepped: bool) -> None:
     result.drive, result.predicted, result.reading = u, y[2], y[3]
     if stepped:
         state.phase = (state.phase + 1) % setting.per_node
-        lookahead.pass_on(inv)
-        go_on_undoing(inv.chain, inv.blocks)
+        lookahead.advance_window(inv)
+        advance_inverse_states(inv.chain, inv.blocks)
     else:  # no drive was proposed: known targets and the plan are void
         state.begun = state.followed = state.known = state.phase = 0
         state.gap, state.target = 0.0, np.nan
-        begin_undoing(inv.chain, inv.blocks)
+        start_inverse_states(inv.chain, inv.blocks)
 
 
 @njit(cache=True, nogil=True)

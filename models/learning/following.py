@@ -18,7 +18,7 @@ from dehyst.models.model import Floats
 Spectrum = NDArray[np.complex128] | Floats
 
 
-class Following:
+class FollowingCheck:
     """Check one pass after another. target: (lines,) spectrum of a pass. `first`: (error,
     correction) of the first pass that was checked, None: none yet."""
 
@@ -27,11 +27,11 @@ class Following:
         self.first: tuple[Spectrum, Spectrum] | None = None
         self._strange = 0  # passes in a row
 
-    def begin_anew(self) -> None:
+    def forget_errors(self) -> None:
         """Discard the errors of earlier passes."""
         self.first, self._strange = None, 0
 
-    def wrong(self, e: Spectrum, u: Spectrum, noise: Floats) -> str:
+    def find_fault(self, e: Spectrum, u: Spectrum, noise: Floats) -> str:
         """Return what is wrong with the gauge as a message, or "". e, u, noise: (lines,) error,
         correction in force, noise power."""
         if self.first is None:

@@ -7,7 +7,7 @@ from dehyst.models.learning.tuning import TUNING
 from dehyst.models.model import Floats
 
 
-def say_missing(valid: NDArray[np.bool_]) -> str:
+def describe_missing(valid: NDArray[np.bool_]) -> str:
     """Return a message where too much of a pass has no reading, else ""."""
     lost = int(np.count_nonzero(~valid))
     if not lost:
@@ -19,7 +19,7 @@ def say_missing(valid: NDArray[np.bool_]) -> str:
     return f"{lost} of {valid.size} samples are missing or without a reading"
 
 
-def bridge(x: Floats) -> Floats:
+def interpolate_missing(x: Floats) -> Floats:
     """Fill missing samples by linear interpolation."""
     good = np.isfinite(x)
     if good.all():

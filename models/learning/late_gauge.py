@@ -22,12 +22,12 @@ from dehyst.models.recording import Bools
 
 class LateGauge:
     """Learn, pass by pass, how far a stage is ahead of the readings of a gauge whose filter has the
-    time constant filter_s. `back`: number of steps that are used; `anew`: the newest pass is the
-    first with an estimate other than 0."""
+    time constant filter_s. `back`: number of steps that are used; `error_redefined`: the newest
+    pass is the first with an estimate other than 0."""
 
     def __init__(self, filter_s: float) -> None:
         self.filter_s, self.back = filter_s, TUNING.late_back
-        self.anew, self._reported = False, False
+        self.error_redefined, self._reported = False, False
         self._begun = self._passes = 0
         self._mean_x: Floats | None = None  # (n, back)
         self._mean_y: Floats | None = None  # (n,)
@@ -42,8 +42,8 @@ class LateGauge:
         output before each reading, the newest first; since_s: (n, back) time since each step.
         """
         ahead = self._ahead(repeats, steps, since_s)
-        self.anew = not self._reported and bool(ahead.any())
-        self._reported |= self.anew
+        self.error_redefined = not self._reported and bool(ahead.any())
+        self._reported |= self.error_redefined
         return ahead
 
     def _ahead(self, repeats: Floats, steps: Floats, since_s: Floats) -> Floats:

@@ -38,8 +38,8 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from dehyst.models.errors import BadInput
-from dehyst.models.learning.following import Following, Spectrum, power_of
-from dehyst.models.learning.gaps import bridge, running_mean, say_missing
+from dehyst.models.learning.following import FollowingCheck, Spectrum, power_of
+from dehyst.models.learning.gaps import describe_missing, interpolate_missing, running_mean
 from dehyst.models.learning.tuning import TUNING
 from dehyst.models.model import Floats
 
@@ -48,13 +48,13 @@ from dehyst.models.model import Floats
 class Pass:
     """One pass from telemetry, arrays (n,). error: measured minus target, NaN: no fresh reading;
     used: correction in force; trimmed: the slow trim is active and handles the mean; its motion
-    within a pass repeats with the rest. anew: from this pass on the error is computed differently,
-    and must not be compared with earlier passes."""
+    within a pass repeats with the rest. error_redefined: from this pass on the error is computed
+    differently, and must not be compared with earlier passes."""
 
     error: Floats
     used: Floats
     trimmed: bool = False
-    anew: bool = False
+    error_redefined: bool = False
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Learner:
         self._best: tuple[float, Spectrum] | None = None
         self._grown = 0
         self._given_up: Spectrum | None = None
-        self._following = Following(self._spectrum(target))
+        self._following = FollowingCheck(self._spectrum(target))
         self._stopped = ""  # why nothing is learned any more
 
     # -- one pass ---------------------------------------------------------------------------------
@@ -132,23 +132,23 @@ class Learner:
         mean = float(known.mean()) if known.size else math.nan
         spread = float(known.std()) if known.size else math.nan
         rms = math.sqrt(max(spread**2 - self.noise**2, 0.0)) if known.size else math.nan
-        wrong = self._stopped or say_missing(valid)
-        error = bridge(one.error) if not wrong else one.error
+        wrong = self._stopped or describe_missing(valid)
+        error = interpolate_missing(one.error) if not wrong else one.error
         repeats = error - one.used
         if not wrong and one.trimmed:
             repeats = repeats - repeats.mean()
-        if one.anew:
-            self._begin_anew()
+        if one.error_redefined:
+            self._forget_errors()
         elif not wrong:
-            wrong = self._unsettled(repeats) or self._knock(repeats)
+            wrong = self._find_settling(repeats) or self._find_knock(repeats)
         if wrong:
-            return self._tell(rms, mean, False, f"not learned from: {wrong}")
+            return self._make_outcome(rms, mean, False, f"not learned from: {wrong}")
         if self._does_not_follow(self._spectrum(error), self._spectrum(one.used)):
-            return self._tell(rms, mean, False, f"not learned from: {self._stopped}")
+            return self._make_outcome(rms, mean, False, f"not learned from: {self._stopped}")
         says = self._learn(error, one.used, repeats)
-        return self._tell(rms, mean, True, says)
+        return self._make_outcome(rms, mean, True, says)
 
-    def _tell(self, rms: float, mean: float, learned: bool, says: str) -> Outcome:
+    def _make_outcome(self, rms: float, mean: float, learned: bool, says: str) -> Outcome:
         width = float(self.hertz[np.flatnonzero(self.weights > 0.0)].max(initial=0.0))
         out = Outcome(self.passes, rms, mean, learned, says, width, self.gain)
         self.outcomes.append(out)
@@ -174,14 +174,14 @@ class Learner:
 
     def _learn(self, error: Floats, used: Floats, repeats: Floats) -> str:
         e, u, d = (self._spectrum(x) for x in (error, used, repeats))
-        said = [self._contraction(e, u)]
+        said = [self._stop_unresponsive_bands(e, u)]
         self._before = e, u
-        back = self._growth(e, u)
+        back = self._restore_if_grown(e, u)
         if back:
             said.append(back)
         else:
             if self.learned > 1 or self._known:
-                self._see_noise(d - self._repeats)
+                self._update_noise(d - self._repeats)
             a = self.gain
             mean = self._repeats[0] + TUNING.mean_gain * (d[0] - self._repeats[0])
             self._repeats = self._repeats + a * (d - self._repeats)
@@ -191,7 +191,7 @@ class Learner:
         self.correction = self._bounded(self._back(-self.weights * self._repeats))
         return "; ".join(text for text in said if text)
 
-    def _see_noise(self, change: Spectrum) -> None:
+    def _update_noise(self, change: Spectrum) -> None:
         """Update the noise's spectrum from the difference of a pass to the earlier average."""
         power = np.abs(change) ** 2 / (1.0 + self._left)
         width = max(TUNING.noise_width, power.size // 200)
@@ -199,7 +199,7 @@ class Learner:
         mixed = self._noise_power + (1.0 - TUNING.noise_memory) * (seen - self._noise_power)
         self._noise_power = np.maximum(mixed, TUNING.least_noise * self.noise**2)
 
-    def _contraction(self, e: Spectrum, u: Spectrum) -> str:
+    def _stop_unresponsive_bands(self, e: Spectrum, u: Spectrum) -> str:
         """Stop learning the bands in which the error does not follow the correction."""
         if self._before is None or self.learned < 2:
             return ""
@@ -221,7 +221,7 @@ class Learner:
 
     def _does_not_follow(self, e: Spectrum, u: Spectrum) -> bool:
         """Restore the initial correction and stop where the pass' error does not follow it."""
-        wrong = self._following.wrong(e, u, self._noise_power)
+        wrong = self._following.find_fault(e, u, self._noise_power)
         if not wrong or self._following.first is None:
             return False
         self._repeats = -self._following.first[1]
@@ -229,9 +229,9 @@ class Learner:
         self._stopped = f"{wrong}; the initial correction is restored"
         return True
 
-    def _growth(self, e: Spectrum, u: Spectrum) -> str:
+    def _restore_if_grown(self, e: Spectrum, u: Spectrum) -> str:
         """Restore the best correction where the error has grown."""
-        figure = max(self._figure(e), 0.0)
+        figure = max(self._error_power(e), 0.0)
         if self._given_up is not None:  # the old correction may still be played
             there = -self._repeats
             if power_of(u - there) > TUNING.taken_up * power_of(self._given_up - there):
@@ -253,12 +253,12 @@ class Learner:
         self._best, self._grown = None, 0
         return "the error has grown: back to the best correction, with half the gain"
 
-    def _figure(self, e: Spectrum) -> float:
+    def _error_power(self, e: Spectrum) -> float:
         """Return the mean square of a pass' error about its mean, minus the noise power."""
         twice = 2.0 if self.closed else 1.0
         return twice * float(np.sum(np.abs(e[1:]) ** 2 - self.noise**2)) / self.n
 
-    def _unsettled(self, repeats: Floats) -> str:
+    def _find_settling(self, repeats: Floats) -> str:
         """Return a message where an early pass still settles, else "". In a settled closed pass the
         repeating error is the same at the end as at the beginning."""
         if self._known or self.passes > TUNING.settling:
@@ -276,7 +276,7 @@ class Learner:
             return ""
         return f"it still settles, by {apart:+.3g} from its beginning to its end"
 
-    def _knock(self, repeats: Floats) -> str:
+    def _find_knock(self, repeats: Floats) -> str:
         """Return a message where a pass differs from earlier ones at one place far more than
         elsewhere, else ""."""
         if not (self.learned or self._known):
@@ -297,15 +297,15 @@ class Learner:
             return f"a knock of {smooth[at]:+.3g} at {at * self.period_s:.3f} s"
         again = running_mean(repeats - doubted, TUNING.knock_smooth)
         if np.abs(again - np.median(again)).max() < TUNING.same * abs(smooth[at]):
-            self._begin_anew()  # twice the same: the stage has changed, it was no knock
+            self._forget_errors()  # twice the same: the stage has changed, it was no knock
             return ""
         return f"a knock of {smooth[at]:+.3g} at {at * self.period_s:.3f} s"
 
-    def _begin_anew(self) -> None:
+    def _forget_errors(self) -> None:
         """Discard the errors of earlier passes; keep the estimate of the repeating error."""
         self.learned, self._best, self._grown = min(self.learned, 1), None, 0
         self._before = self._doubted = None
-        self._following.begin_anew()
+        self._following.forget_errors()
 
     # -- spectrum ---------------------------------------------------------------------------------
 

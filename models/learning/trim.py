@@ -13,12 +13,12 @@ the error d exp(-t / T), by backward differences d (1 + h / T)^-n after n sample
 frequency is amplified. With a sensor lag or delay L that the model lacks, it is stable for
 L / T < pi / 2 (`least_time_constant_s` keeps a margin).
 
-Readings are checked before they are used (`Why`). A frozen trim keeps its value and continues from
-it. A reading that has jumped is accepted again once its difference from the model has been constant
-for a while, at rest or in motion, and is plausible: close to the model itself, or to the usual
-difference. It may be off from either by less than a jump, which would have been followed anyway, so
-a gauge that stays wrong moves nothing. Soon after the model's state was initialised, a difference
-up to the limit is plausible: then the state is in doubt, not the gauge.
+Readings are checked before they are used (`FreezeReason`). A frozen trim keeps its value and
+continues from it. A reading that has jumped is accepted again once its difference from the model
+has been constant for a while, at rest or in motion, and is plausible: close to the model itself, or
+to the usual difference. It may be off from either by less than a jump, which would have been
+followed anyway, so a gauge that stays wrong moves nothing. Soon after the model's state was
+initialised, a difference up to the limit is plausible: then the state is in doubt, not the gauge.
 """
 
 import math
@@ -28,7 +28,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dehyst.models.learning.why import Why
+from dehyst.models.learning.freeze_reason import FreezeReason
 from dehyst.models.model import Model
 from dehyst.models.physics import KINDS
 from dehyst.models.physics.kind import Led, Shifted
@@ -105,12 +105,24 @@ STATE = np.dtype(
     ]
 )
 
-NOTHING, OFF, NOT_RUNNING = int(Why.NOTHING), int(Why.OFF), int(Why.NOT_RUNNING)
-NO_READING, STUCK, JUMPED = int(Why.NO_READING), int(Why.STUCK), int(Why.JUMPED)
-BEYOND, DISTRUSTED, SETTLING = int(Why.BEYOND), int(Why.DISTRUSTED), int(Why.SETTLING)
+NOTHING, OFF, NOT_RUNNING = (
+    int(FreezeReason.NOTHING),
+    int(FreezeReason.OFF),
+    int(FreezeReason.NOT_RUNNING),
+)
+NO_READING, STUCK, JUMPED = (
+    int(FreezeReason.NO_READING),
+    int(FreezeReason.STUCK),
+    int(FreezeReason.JUMPED),
+)
+BEYOND, DISTRUSTED, SETTLING = (
+    int(FreezeReason.BEYOND),
+    int(FreezeReason.DISTRUSTED),
+    int(FreezeReason.SETTLING),
+)
 
 
-def setting_of(
+def make_trim_setting(
     period_s: float,
     reach: float,
     noise: float,
@@ -277,7 +289,7 @@ def _judge(p: Any, s: Any, reading: float, predicted: float) -> int:
         s.anew = math.nan
         return BEYOND
     if s.jumped != 0:
-        return _judge_anew(p, s, dt)
+        return _judge_jumped_reading(p, s, dt)
     if math.isnan(s.usual):
         s.usual = difference
     if s.out_s == 0.0:
@@ -286,7 +298,7 @@ def _judge(p: Any, s: Any, reading: float, predicted: float) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _judge_anew(p: Any, s: Any, dt: float) -> int:
+def _judge_jumped_reading(p: Any, s: Any, dt: float) -> int:
     """Return JUMPED or SETTLING, or NOTHING once a reading that jumped is settled and plausible."""
     unsettled = TUNING.settled * p.jump + TUNING.jump_share * s.moved
     if math.isnan(s.anew) or abs(s.seen - s.anew) > unsettled:

@@ -23,7 +23,7 @@ from numba import njit
 
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
-from dehyst.models.physics.candidate import Candidate, Context, Parameter, small
+from dehyst.models.physics.candidate import Candidate, Context, Parameter, format_length
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Subtracted, head_record
 from dehyst.models.signals.joined import Bools, Data, Floats
@@ -128,7 +128,7 @@ class Friction(Candidate):
         x = self._gain * context.v
         return _columns(x, data.dt, data.starts, theta[0], theta[1], EXCESS)
 
-    def likely(self, theta: Sequence[float], amplitudes: Floats) -> float:
+    def plausibility_weight(self, theta: Sequence[float], amplitudes: Floats) -> float:
         return 1.0 if amplitudes[0] >= 0.0 else 0.0  # friction never pushes
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
@@ -146,11 +146,11 @@ class Friction(Candidate):
         }
         return (Block("bristles", "stage", params),)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
             "The guide has friction: after each turn the stage lags by "
-            f"{small(values['extra_um'])} more at low speed than at high speed; check the guide "
-            "and its preload."
+            f"{format_length(values['extra_um'])} more at low speed than at high speed; check the "
+            "guide and its preload."
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:

@@ -112,34 +112,34 @@ class Candidate:
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         """Return the start values of the search, one tuple for each trial."""
-        return [self.refined(())] if self.refines else [()]
+        return [self.refined_start(())] if self.refines else [()]
 
-    def doubles(self, theta: Sequence[float]) -> list[tuple[float, ...]]:
+    def likelier_equivalents(self, theta: Sequence[float]) -> list[tuple[float, ...]]:
         """Return likelier values with nearly the same effect on the samples; all are refitted."""
         return []
 
-    def likely(self, theta: Sequence[float], amplitudes: Floats) -> float:
+    def plausibility_weight(self, theta: Sequence[float], amplitudes: Floats) -> float:
         """Return the weight of a gain: below 1 where a simpler explanation should be preferred, 0
         where the values are not those of this effect. amplitudes: of additive columns."""
         return 1.0
 
-    def may_be_small(self, theta: Sequence[float]) -> bool:
+    def can_count_when_small(self, theta: Sequence[float]) -> bool:
         """Return whether a small effect that is the same everywhere counts: true for static ones,
         except those flexible enough to fit noise, and for others that no error of a base
         resembles."""
         return self.static
 
-    def ring(self, theta: Sequence[float]) -> tuple[float, float] | None:
+    def free_oscillation(self, theta: Sequence[float]) -> tuple[float, float] | None:
         """Return frequency [Hz] and decay rate [1/s] of the free oscillation; None without one."""
         return None
 
     @property
-    def last(self) -> bool:
+    def is_last_resort(self) -> bool:
         """Whether it is named only if nothing remains unexplained: an effect that began before the
         recording, and that implies no other visible effect, fits too much."""
-        return self.past and not self.company()
+        return self.past and not self.required_companion()
 
-    def company(self) -> str:
+    def required_companion(self) -> str:
         """Return the key of another candidate that must be present if this one is; "": none."""
         return ""
 
@@ -154,11 +154,11 @@ class Candidate:
         out[self.size_index] = min(max(value, p.low * 1.01), p.high * 0.98)
         return tuple(out)
 
-    def refined(self, theta: Sequence[float]) -> tuple[float, ...]:
+    def refined_start(self, theta: Sequence[float]) -> tuple[float, ...]:
         """Return a start, given the fitted theta of the candidate that this one refines."""
         return tuple(theta)
 
-    def grown(self, theta: Sequence[float], data: Data, residual: Floats) -> tuple[float, ...]:
+    def add_mode(self, theta: Sequence[float], data: Data, residual: Floats) -> tuple[float, ...]:
         """Return theta extended by one more mode that the residual suggests, or ()."""
         return ()
 
@@ -188,7 +188,7 @@ class Candidate:
         """Return the blocks to add to the model."""
         return ()
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         """Return one sentence that a technician understands."""
         return self.title
 
@@ -199,11 +199,11 @@ class Candidate:
         """Return the strengths, from weak to strong, at which the exclusion limit is searched."""
         return []
 
-    def limit_leaves_out(self, data: Data) -> str:
+    def limit_caveat(self, data: Data) -> str:
         """Return what the exclusion limit does not hold for in these recordings; "": nothing."""
         return ""
 
-    def seen(self, data: Data, sigma: float) -> Sighting | None:
+    def find_sighting(self, data: Data, sigma: float) -> Sighting | None:
         """Return direct evidence in the recordings, or None."""
         return None
 
@@ -212,7 +212,7 @@ class Candidate:
         return ""
 
 
-def small(entry: tuple[float, str]) -> str:
+def format_length(entry: tuple[float, str]) -> str:
     """Format a displacement-like value; below one micrometre in nanometres: "12 nm/K"."""
     value, unit = entry
     if (unit == "um" or unit.startswith("um/")) and abs(value) < 1.0:
@@ -220,12 +220,12 @@ def small(entry: tuple[float, str]) -> str:
     return f"{value:.3g} {spell_unit(unit)}"
 
 
-def apart(data: Data, x: Floats) -> Floats:
+def split_by_recording(data: Data, x: Floats) -> Floats:
     """Return x (N,) as (N, k) columns, one for each of k recordings, 0 in the others."""
     return x[:, None] * (data.rec[:, None] == np.arange(len(data.names))[None, :])
 
 
-def of_each(data: Data, p: Parameter) -> tuple[Parameter, ...]:
+def one_per_recording(data: Data, p: Parameter) -> tuple[Parameter, ...]:
     """Return one parameter per recording: each recording has a different past."""
     return (p,) * len(data.names)
 

@@ -104,7 +104,7 @@ class Clip(Candidate):
         low, high = f"min_{data.drive_unit}", f"max_{data.drive_unit}"
         return (Block("clip", "drive", {low: float(theta[0]), high: float(theta[1])}),)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         ends = [
             f"{word} {values[k][0]:.4g} {spell_unit(values[k][1])}"
             for k, word in (("min_v", "below"), ("max_v", "above"))

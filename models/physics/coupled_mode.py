@@ -17,8 +17,8 @@ from dehyst.models.physics.candidate import (
     Context,
     Parameter,
     Probe,
+    format_length,
     other_causes,
-    small,
 )
 from dehyst.models.physics.coupling import Coupling
 from dehyst.models.physics.entry import OTHER_AXIS, Physics, Scales, Specimen
@@ -133,7 +133,7 @@ class CoupledMode(Coupling):
             for z in (0.01, 0.04)
         ]
 
-    def grown(self, theta: Sequence[float], data: Data, residual: Floats) -> tuple[float, ...]:
+    def add_mode(self, theta: Sequence[float], data: Data, residual: Floats) -> tuple[float, ...]:
         if len(theta) >= 2 * MAX_MODES:
             return ()
         best: tuple[float, tuple[float, ...]] = (0.0, ())
@@ -187,8 +187,8 @@ class CoupledMode(Coupling):
             out.append(Block("coupled_mode", "stage", params, self.channel))
         return tuple(out)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
-        gains = [small(v) for k, v in values.items() if k.startswith("gain")]
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
+        gains = [format_length(v) for k, v in values.items() if k.startswith("gain")]
         at = [f"{v:.4g}" for k, (v, _) in values.items() if k.startswith("frequency")]
         modes = " and ".join(f"{g} by one at {f} Hz" for g, f in zip(gains, at, strict=False))
         return (

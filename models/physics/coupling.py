@@ -20,8 +20,8 @@ from dehyst.models.physics.candidate import (
     Context,
     Parameter,
     Probe,
+    format_length,
     other_causes,
-    small,
 )
 from dehyst.models.physics.entry import OTHER_AXIS, Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Solved, Values
@@ -186,8 +186,8 @@ class Coupling(Candidate):
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         return (coupled(data.unit, float(amplitudes[0]), self.reference, self.channel),)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
-        gain = small(values["gain_um_per_unit"])
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
+        gain = format_length(values["gain_um_per_unit"])
         return f"{self.whose} moves this reading by {gain}: the axes are not decoupled."
 
 
@@ -205,7 +205,7 @@ class CoupledMemory(Coupling):
         self.scale = float(np.ptp(data.channels[channel]))
         self.parameters = (Parameter("tau_s", "s", 0.1 * data.period, 300 * data.period),)
 
-    def refined(self, theta: Sequence[float]) -> tuple[float, ...]:
+    def refined_start(self, theta: Sequence[float]) -> tuple[float, ...]:
         return (self.parameters[0].low * 20,)
 
     def probes(self, data: Data) -> list[Probe]:

@@ -8,7 +8,7 @@ per decade, with a common gain (log-type creep; H. Jung, D.-G. Gweon, Rev. Sci. 
 (g / 3 holds for exactly three per decade; since their number is rounded, the weight is adjusted.)
 Through the m_j, y0 is the output 0.1 s after a step. The operator is exact for an input that is
 linear between the samples. In a recording under feedback, where the reading is held constant, creep
-is measured from the drive (`dehyst.models.signals.held`).
+is measured from the drive (`dehyst.models.signals.holds`).
 """
 
 import math
@@ -22,8 +22,8 @@ from dehyst.models.physics.address import Kernel, behind, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe, Sighting
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import SAME, Kind, Param, Solved, Values, head_record
-from dehyst.models.signals.filters import lag_step, relaxed
-from dehyst.models.signals.held import longest_hold
+from dehyst.models.signals.filters import add_relaxation, lag_step
+from dehyst.models.signals.holds import longest_hold
 from dehyst.models.signals.joined import Data, Floats
 
 PER_DECADE = 3
@@ -177,9 +177,9 @@ class Creep(Candidate):
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
         third, mean, taus = _relaxations_of(*theta)
-        return relaxed(x, taus, data.dt, data.starts, third, mean)
+        return add_relaxation(x, taus, data.dt, data.starts, third, mean)
 
-    def seen(self, data: Data, sigma: float) -> Sighting | None:
+    def find_sighting(self, data: Data, sigma: float) -> Sighting | None:
         held = longest_hold(data, sigma)
         if held is None:
             return None
@@ -202,7 +202,7 @@ class Creep(Candidate):
         keys = ("gain_per_decade", "tau_min_s", "tau_max_s")
         return (Block("creep", "stage", {k: float(v) for k, v in zip(keys, theta, strict=True)}),)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         g = values["gain_per_decade"][0]
         return (
             f"After every move the stage creeps in the same direction by {100 * g:.2g} % of "

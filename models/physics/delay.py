@@ -186,7 +186,7 @@ class Delay(Candidate):
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         return (Block("delay", self.place, {"delay_s": float(theta[0])}),)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         d = values["delay_s"][0]
         return (
             f"The reading follows the drive {1e3 * d:.3g} ms late at every speed: "

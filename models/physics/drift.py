@@ -13,7 +13,7 @@ from numba import njit
 
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
-from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe, small
+from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe, format_length
 from dehyst.models.physics.entry import TEMPERATURE, Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Solved
 from dehyst.models.signals.filters import lag_step, lowpass
@@ -163,8 +163,8 @@ class Drift(Candidate):
         too_much = abs(float(amplitudes[1])) > MOST_SLOW_GAIN
         return "more than twice the gain per kelvin" if too_much else ""
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
-        b, a = small(values["expansion_um_per_k"]), values["gain_per_k"][0]
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
+        b, a = format_length(values["expansion_um_per_k"]), values["gain_per_k"][0]
         return (
             f"The stage follows the temperature: the zero moves {b} and the gain "
             f"{100 * a:.2g} % per kelvin; connect the temperature to the controller or shield it."
@@ -185,7 +185,7 @@ class SlowDrift(Drift):
         longest = float(data.t.max() - data.t.min())
         self.parameters = (Parameter("tau_s", "s", 5 * data.period, 2.0 * longest),)
 
-    def refined(self, theta: Sequence[float]) -> tuple[float, ...]:
+    def refined_start(self, theta: Sequence[float]) -> tuple[float, ...]:
         return (max(0.02 * self.parameters[0].high, 2 * self.parameters[0].low),)
 
     def probes(self, data: Data) -> list[Probe]:

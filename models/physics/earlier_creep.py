@@ -20,11 +20,11 @@ from dehyst.models.physics.candidate import (
     Candidate,
     Context,
     Parameter,
-    apart,
     common_amplitude,
+    format_length,
     move_from_zero,
-    of_each,
-    small,
+    one_per_recording,
+    split_by_recording,
 )
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Never, Param
@@ -83,7 +83,7 @@ class EarlierCreep(Candidate):
         self._longest = float(data.t.max() - data.t.min())
         low, high = EARLIEST * self._longest, LATEST * self._longest
         since = Parameter("since_s", "s", max(low, 4 * data.period), high)
-        self.parameters = of_each(data, since)
+        self.parameters = one_per_recording(data, since)
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         p = self.parameters[0]
@@ -93,7 +93,9 @@ class EarlierCreep(Candidate):
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
         first = np.array([data.t[np.argmax(data.rec == i)] for i in range(len(data.names))])
         since = np.array(theta)
-        return apart(data, np.log10(1.0 + (data.t - first[data.rec]) / since[data.rec]))
+        return split_by_recording(
+            data, np.log10(1.0 + (data.t - first[data.rec]) / since[data.rec])
+        )
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
         largest = int(np.argmax(np.abs(amplitudes)))
@@ -113,15 +115,15 @@ class EarlierCreep(Candidate):
         }
         return (Block("earlier_creep", "stage", params),)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
             "The stage is still creeping from a move that ended about "
             f"{values['since_s'][0]:.2g} s before the recording began, by "
-            f"{small(values['per_decade_um'])} for each tenfold of time: wait before "
+            f"{format_length(values['per_decade_um'])} for each tenfold of time: wait before "
             "recording, or record the move as well."
         )
 
-    def company(self) -> str:
+    def required_companion(self) -> str:
         return "creep"
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:

@@ -19,7 +19,7 @@ from numba import njit
 
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
-from dehyst.models.physics.candidate import Candidate, Context, Parameter, small
+from dehyst.models.physics.candidate import Candidate, Context, Parameter, format_length
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Solved, Values, head_record
 from dehyst.models.signals.filters import plays
@@ -172,10 +172,11 @@ class DryFriction(Candidate):
         }
         return (Block("friction", "stage", params),)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
             f"The guide has friction: after each turn the stage lags by up to "
-            f"{small(values['sliding_um'])} to either side; check the guide and its preload."
+            f"{format_length(values['sliding_um'])} to either side; check the guide and its "
+            "preload."
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:

@@ -12,11 +12,11 @@ import numpy as np
 
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, numbers
-from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe, small
+from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe, format_length
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Never, Param, Values
 from dehyst.models.signals.joined import Data, Floats
-from dehyst.models.signals.lines import drive_repeats_hz, find_lines
+from dehyst.models.signals.lines import drive_repetition_hz, find_lines
 
 
 @Kernel
@@ -125,8 +125,8 @@ class Hum(Candidate):
         f = 50.0 if data.period < 0.005 else 0.1 / data.period
         return [Probe(1.0, (f,), (1.0, 0.0) * self._recordings)]
 
-    def limit_leaves_out(self, data: Data) -> str:
-        f = drive_repeats_hz(data)
+    def limit_caveat(self, data: Data) -> str:
+        f = drive_repetition_hz(data)
         return f"not on multiples of {f:.4g} Hz, at which the drive repeats itself" if f else ""
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
@@ -153,9 +153,9 @@ class Hum(Candidate):
             )
         return tuple(out)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         f = [v for k, (v, _) in values.items() if k.startswith("frequency")]
-        a = [small(v) for k, v in values.items() if k.startswith("amplitude")]
+        a = [format_length(v) for k, v in values.items() if k.startswith("amplitude")]
         lines = ", ".join(f"{y} at {x:.4g} Hz" for x, y in zip(f, a, strict=True))
         mains = any(abs(x / m - round(x / m)) < 0.004 and x > 40 for x in f for m in (50.0, 60.0))
         source = "the mains: check shielding and earth" if mains else "a machine that runs nearby"

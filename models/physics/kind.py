@@ -151,7 +151,7 @@ class Kind:
             )
 
     @property
-    def beside(self) -> bool:
+    def is_parallel(self) -> bool:
         """Whether the block acts parallel to the hysteresis."""
         return isinstance(self.inverse, Subtracted)
 

@@ -100,7 +100,7 @@ class Lag(Candidate):
             for k in (0.3, 1.0, 3.0, 10.0, 30.0)
         ]
 
-    def refined(self, theta: Sequence[float]) -> tuple[float, ...]:
+    def refined_start(self, theta: Sequence[float]) -> tuple[float, ...]:
         return (0.7 * theta[0], 0.3 * theta[0])
 
     def _pass(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
@@ -123,7 +123,7 @@ class Lag(Candidate):
         lags = (Block("lag", self.place, {"tau_s": float(tau)}) for tau in theta)
         return (*lead_before(data, self.place), *lags)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         tau = sum(v for v, _ in values.values())
         corner = 1.0 / (6.283185 * tau)
         if self.place == "drive":
@@ -176,7 +176,7 @@ class Servo(Candidate):
         }
         return (*lead_before(data, "sensor"), Block("resonance", "sensor", params))
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         f, z = values["corner_hz"][0], values["damping"][0]
         return (
             f"The reading follows through a lag of second order (corner {f:.3g} Hz, damping "

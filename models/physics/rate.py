@@ -172,7 +172,7 @@ class Rate(Candidate):
             return "some loops would grow wider with the rate, and others narrower"
         return ""
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
             "The loops change with the rate in a way that no lag of the amplifier or the sensor "
             "explains: identify with rate-dependent weights over the band that you use."

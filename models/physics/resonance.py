@@ -17,7 +17,7 @@ from dehyst.models.physics.candidate import Candidate, Parameter, Probe
 from dehyst.models.physics.delay import ahead, lead_before
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import SAME, STATES, Kind, Led, Param, head_record
-from dehyst.models.signals.filters import free_decay, second_order, swing
+from dehyst.models.signals.filters import free_decay, second_order, second_order_step
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.peaks import peaks
 from dehyst.models.signals.periodic import fastest_hz
@@ -45,7 +45,7 @@ def move_mode(s: Any, frequency: float, damping: float, x: float, dt: float) -> 
         ramp = (x - s.x) / dt
         shift = 2.0 * z / w * ramp
         decay = (s.m11, s.m12, s.m21, s.m22)
-        s.q, s.speed = swing(s.q, s.speed, s.x, x, ramp, shift, decay)
+        s.q, s.speed = second_order_step(s.q, s.speed, s.x, x, ramp, shift, decay)
     s.x = x
 
 
@@ -189,7 +189,7 @@ class Resonance(Candidate):
             out += [(f, 0.1, 1.0), (rate - f, 0.01, 1.0), (rate + f, 0.01, 1.0)]
         return out
 
-    def doubles(self, theta: Sequence[float]) -> list[tuple[float, ...]]:
+    def likelier_equivalents(self, theta: Sequence[float]) -> list[tuple[float, ...]]:
         f, z, share = theta
         mirrored = abs(f - self._rate * round(f / self._rate))
         low, damping, _ = self.parameters
@@ -198,14 +198,14 @@ class Resonance(Candidate):
         # the same decay time: damping times frequency is the same
         return [(mirrored, min(z * f / mirrored, damping.high), share)]
 
-    def likely(self, theta: Sequence[float], amplitudes: Floats) -> float:
+    def plausibility_weight(self, theta: Sequence[float], amplitudes: Floats) -> float:
         # a mode and its mirror look the same in the samples: the mirror must fit clearly better
         return 1.0 if theta[0] < 0.5 * self._rate else MIRRORED
 
-    def may_be_small(self, theta: Sequence[float]) -> bool:
+    def can_count_when_small(self, theta: Sequence[float]) -> bool:
         return theta[1] < RINGS_LONG
 
-    def ring(self, theta: Sequence[float]) -> tuple[float, float]:
+    def free_oscillation(self, theta: Sequence[float]) -> tuple[float, float]:
         return theta[0], 2 * np.pi * theta[0] * theta[1]
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
@@ -227,7 +227,7 @@ class Resonance(Candidate):
         mode = Block("resonance", "stage", {"frequency_hz": f, "damping": z, "share": share})
         return (*lead_before(data, "stage"), mode)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         f, z = values["frequency_hz"][0], values["damping"][0]
         return (
             f"The stage rings at {f:.4g} Hz (damping {z:.2g}) after every quick move; shape the "

@@ -137,7 +137,7 @@ class SelfHeating(Candidate):
         gain = {f"gain_s_per_{data.unit}2": float(amplitudes[0])}
         return (Block("self_heating", "stage", {**gain, "tau_s": float(theta[0])}),)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         gain, tau = values["gain_s_per_um2"][0], values["tau_s"][0]
         return (
             f"The stage heats itself: fast motion {'raises' if gain > 0 else 'lowers'} its gain, "

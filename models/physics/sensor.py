@@ -17,7 +17,7 @@ import numpy as np
 from dehyst.models.hysteresis.forward import polynomial
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, numbers, record
-from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe, small
+from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe, format_length
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Never, Param, Solved, Values, head_record
 from dehyst.models.signals.joined import Data, Floats
@@ -141,7 +141,7 @@ class NonlinearSensor(Candidate):
         angle = 2 * np.pi * context.output / theta[0]
         return np.column_stack([np.sin(angle), np.cos(angle) - 1.0])
 
-    def may_be_small(self, theta: Sequence[float]) -> bool:
+    def can_count_when_small(self, theta: Sequence[float]) -> bool:
         return False
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
@@ -162,10 +162,10 @@ class NonlinearSensor(Candidate):
         }
         return (Block("ripple", "sensor", params),)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         period, unit = values["period_um"]
         return (
-            f"The reading errs by {small(values['amplitude_um'])} in a pattern that "
+            f"The reading errs by {format_length(values['amplitude_um'])} in a pattern that "
             f"repeats every {period:.3g} {unit} along the range: calibrate the sensor; "
             "the drive must not correct this."
         )

@@ -261,7 +261,7 @@ class Asymmetry(Candidate):
         }
         return (Block("one_sided", "stage", params),)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
             "Rising and falling differ by more than hysteresis of a usual shape explains; "
             "the identified loop needs its asymmetric terms. A nonlinear sensor or friction in the "

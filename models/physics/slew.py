@@ -114,7 +114,7 @@ class Slew(Candidate):
             return "a limit that nearly every move exceeds"
         return ""
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         rate, unit = values["rate_v_per_s"]
         return (
             f"The amplifier moves the drive by at most {rate:.4g} {spell_unit(unit)}; faster "

@@ -15,11 +15,11 @@ from dehyst.models.physics.candidate import (
     Candidate,
     Context,
     Parameter,
-    apart,
     common_amplitude,
+    format_length,
     move_from_zero,
-    of_each,
-    small,
+    one_per_recording,
+    split_by_recording,
 )
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Never, Param
@@ -78,7 +78,7 @@ class Trend(Candidate):
         self._lengths = np.array([float(np.ptp(data.t[data.rec == i])) for i in names])
         self._longest = float(data.t.max() - data.t.min())
         low, high = 0.05 * self._longest, 20.0 * self._longest
-        self.parameters = of_each(data, Parameter("tau_s", "s", low, high))
+        self.parameters = one_per_recording(data, Parameter("tau_s", "s", low, high))
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         return [(f * self._longest,) * len(self.parameters) for f in (0.15, 0.5, 3.0)]
@@ -105,9 +105,9 @@ class Trend(Candidate):
         }
         return (Block("trend", "stage", params),)
 
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
-            f"The zero drifts by {small(values['rise_um'])} in each recording with a time "
+            f"The zero drifts by {format_length(values['rise_um'])} in each recording with a time "
             f"constant of {values['tau_s'][0]:.3g} s, independent of the drive: let it warm up, "
             "and record a temperature."
         )
@@ -121,7 +121,7 @@ class Trend(Candidate):
 
 def _settling(data: Data, theta: Sequence[float]) -> Floats:
     """Return (N, k) columns, 1 - exp(-t / tau) in each of k recordings, 0 in the others."""
-    return apart(data, 1.0 - np.exp(-data.t / np.array(theta)[data.rec]))
+    return split_by_recording(data, 1.0 - np.exp(-data.t / np.array(theta)[data.rec]))
 
 
 def _variants(s: Scales) -> list[Block]:

@@ -42,7 +42,7 @@ def free_decay(w: float, z: float, dt: float) -> Decay:
 
 
 @njit(cache=True, nogil=True)
-def swing(
+def second_order_step(
     q: float, speed: float, before: float, x: float, ramp: float, shift: float, decay: Decay
 ) -> tuple[float, float]:
     """Return the next displacement and speed of q'' + 2 z w q' + w^2 q = w^2 x for an input that is
@@ -117,7 +117,9 @@ def lowpass(x: Floats, ratio: Floats, starts: Bools, stepped: bool = False) -> F
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
-def relaxed(x: Floats, taus: Floats, dt: Floats, starts: Bools, gain: float, mean: float) -> Floats:
+def add_relaxation(
+    x: Floats, taus: Floats, dt: Floats, starts: Bools, gain: float, mean: float
+) -> Floats:
     """Return x + gain (sum of low-passes of x, time constants taus (K,) [s], - mean x), per column.
 
     Exact for an input that is linear over each step. dt: (N,) sampling period of each sample [s].
@@ -204,7 +206,9 @@ def _second_order(
                 before = x[t, j] if stepped else x[t - 1, j]
                 ramp = x[t, j] - before
                 shift = 2.0 * damping / w * ramp
-                q[j], speed[j] = swing(q[j], speed[j], before, x[t, j], ramp, shift, decay)
+                q[j], speed[j] = second_order_step(
+                    q[j], speed[j], before, x[t, j], ramp, shift, decay
+                )
             out[t, j] = q[j]
             if rates.size > 0:
                 rates[t, j] = speed[j] / w

@@ -81,7 +81,7 @@ class Data:
         return f"u_{self.drive_unit}"
 
 
-def alone(data: Data, i: int) -> Data:
+def select_recording(data: Data, i: int) -> Data:
     """Return recording i on its own, without the finer path between its samples."""
     here = data.rec == i
     own = {

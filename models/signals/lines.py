@@ -96,7 +96,7 @@ def gain_of_line(data: Data, residual: Floats, near_hz: float) -> float:
     return float(gain.max())
 
 
-def is_of_the_drive(data: Data, residual: Floats, here: Bools, f: float) -> bool:
+def is_drive_line(data: Data, residual: Floats, here: Bools, f: float) -> bool:
     """Return whether a hysteresis driven in a stretch `here` (N,) would have a line at f [Hz] about
     as far above its neighbours as the residual's line."""
     at, spectrum = _spectrum(residual[here], float(data.dt[here][0]))
@@ -104,7 +104,7 @@ def is_of_the_drive(data: Data, residual: Floats, here: Bools, f: float) -> bool
     return bool(np.interp(f, at, _drive_of(data, here).products) > AS_STRONG * own)
 
 
-def drive_repeats_hz(data: Data) -> float:
+def drive_repetition_hz(data: Data) -> float:
     """Return the frequency [Hz] at which the drive of every recording repeats itself; 0 if one does
     not, or if the frequencies differ."""
     names = range(len(data.names))

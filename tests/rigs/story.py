@@ -89,7 +89,7 @@ class OfflineStory:
         self.trial = ModelTrial(
             self.config, lambda: (os.getpid(), self.watch.model_path), self.history.get
         )
-        self.watch.seen = self.trial.see
+        self.watch.seen = self.trial.take_samples
         self._reload_asked = False
         self._use(self.model)
 
@@ -198,7 +198,7 @@ class OfflineStory:
         over: list[Any] = []
 
         def is_over() -> bool:
-            over.append(self.trial.look(clock.monotonic_ns()))
+            over.append(self.trial.check_outcome(clock.monotonic_ns()))
             return over[-1] is not None
 
         return over[-1][1:] if self.until(is_over, seconds) else ("trial", "")

@@ -147,7 +147,7 @@ class TrialRig:
             self.rig.tick(self._points(motion) if played else self._setpoint(motion))
         samples = np.array(self.rig.records[first:], TELEMETRY)
         self.history.add(samples)
-        self.trial.see(samples)
+        self.trial.take_samples(samples)
 
     def _setpoint(self, motion: Motion) -> np.ndarray:
         """Return the set-point of a client that sends one when the place changes, but not during
@@ -192,7 +192,7 @@ class TrialRig:
         end_s = self.now_s + most_s
         while self.now_s < end_s:
             self.go_on(motion, played)
-            over = self.trial.look(self.clock_ns)
+            over = self.trial.check_outcome(self.clock_ns)
             if over is not None:
                 return over
         return None

@@ -27,11 +27,11 @@ def with_path_between(data: Data, sigma: float) -> Data:
     noise rms."""
     if data.early or data.stepped or data.path is not data:
         return data
-    times = finer_by(data, sigma)
+    times = refinement_factor(data, sigma)
     return data if times < 2 else _laid_finer(data, times)
 
 
-def finer_by(data: Data, sigma: float) -> int:
+def refinement_factor(data: Data, sigma: float) -> int:
     """Return the factor by which the path's grid is refined; 1: not at all."""
     parts = _parts(data)
     if min(k.size for k in parts) < LEAST:

@@ -15,9 +15,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from dehyst.models.diagnosis.data.locate import since_turn
+from dehyst.models.diagnosis.data.locate import seconds_since_turn
 from dehyst.models.signals.filters import plays
-from dehyst.models.signals.joined import Data, Floats, Ints, alone
+from dehyst.models.signals.joined import Data, Floats, Ints, select_recording
 from dehyst.models.signals.lines import find_lines
 from dehyst.models.signals.periodic import fundamental_hz
 
@@ -52,7 +52,8 @@ def _has_lines(data: Data, residual: Floats) -> bool:
     """Return whether a line stands out in all recordings, or in one, as of a channel that moves
     differently in each."""
     return bool(find_lines(data, residual)) or any(
-        find_lines(alone(data, i), residual[data.rec == i], 1) for i in range(len(data.names))
+        find_lines(select_recording(data, i), residual[data.rec == i], 1)
+        for i in range(len(data.names))
     )
 
 
@@ -114,7 +115,7 @@ def _functions(data: Data) -> Floats:
     h = plays(np.array([0.1, 0.5]), x + 1.0, data.forgets) - 1.0
     rate = np.diff(x, prepend=x[0]) / data.dt
     rate[data.starts] = 0.0
-    turned = np.log(since_turn(data) + data.period)
+    turned = np.log(seconds_since_turn(data) + data.period)
     blocks = [x * (data.block == b) for b in np.unique(data.block)]
     return np.column_stack(
         [x, x**2, x**3, *h.T, *(h**2).T, rate, np.abs(rate), x * rate, turned, *blocks]

@@ -63,7 +63,7 @@ def locate(data: Data, residual: Floats, sigma: float) -> dict[str, Any]:
     if top > 0:
         edges = np.r_[0.0, np.geomspace(1e-3 * top, top, 13)]
         out["rate"] = table(np.abs(rate), edges, f"{volts}/s")
-    turn = since_turn(data)
+    turn = seconds_since_turn(data)
     out["since_turn"] = table(turn, np.r_[0, np.geomspace(data.period, 10.0, 14)], "s")
     hold = time_in_hold(data)
     if np.any(hold > 0):
@@ -110,7 +110,7 @@ def hot_spots(tables: dict[str, Any]) -> dict[str, str]:
     return out
 
 
-def since_turn(data: Data) -> Floats:
+def seconds_since_turn(data: Data) -> Floats:
     """Return (N,) seconds since the drive last reversed by more than 0.2 % of its range."""
     return data.t - data.t[_last_turn(data.u, data.starts, 2e-3 * data.span)]
 

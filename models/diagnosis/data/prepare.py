@@ -33,7 +33,7 @@ MISSED = "missed"  # channel of the daemon's recordings: 1 where the sample came
 
 
 @dataclass(frozen=True)
-class Laid:
+class GriddedRecording:
     """One recording on its sampling grid: arrays (n,).
 
     raw: row of the recording, -1 where there is none; cut: a part begins; known: the reading exists
@@ -52,7 +52,7 @@ class Laid:
     stalls: int
 
 
-def lay_on_grid(one: Recording) -> Laid:
+def lay_on_grid(one: Recording) -> GriddedRecording:
     """Lay a recording on the grid of its sampling period. Raises BadRecording where there are too
     few usable samples."""
     assert one.displacement is not None
@@ -92,7 +92,7 @@ def lay_on_grid(one: Recording) -> Laid:
         for at in place[np.nan_to_num(late[raw]) > 0]:
             held_up[at : at + TUNING.settling] = True
     reading = np.interp(grid, np.flatnonzero(known), reading[known])
-    return Laid(
+    return GriddedRecording(
         t=np.interp(grid, place, t[raw]),
         u=np.interp(grid, place, u[raw]),
         y=reading,

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dehyst.models.diagnosis.data.drive_path import has_few_turns, has_long_rest
 from dehyst.models.diagnosis.data.noise import quantum
-from dehyst.models.diagnosis.data.way import hardly_turns, stands_still
 from dehyst.models.diagnosis.result import DataQuality
-from dehyst.models.physics.candidate import small
+from dehyst.models.physics.candidate import format_length
+from dehyst.models.signals.drive_segments import count_reversing_segments
 from dehyst.models.signals.joined import Data, Floats
-from dehyst.models.signals.ways import turns_within_ways
 
 COARSE = 1.5  # times the noise rms: a larger step of the reading is reported
 FOLLOWS = 0.2  # share of the displacement's power that a memory of the drive must explain
@@ -55,15 +55,15 @@ def survey(
     step = quantum(data.y)
     if step > COARSE * sigma:
         said.append(
-            f"the reading has steps of {small((step, data.unit))}, coarser than its noise: finer "
-            "effects do not show"
+            f"the reading has steps of {format_length((step, data.unit))}, coarser than its noise: "
+            "finer effects do not show"
         )
     if whole > 1.2 * sigma:
         said.append(
-            f"the noise is coloured: {small((whole, data.unit))} rms in all, of which "
-            f"{small((sigma, data.unit))} from sample to sample"
+            f"the noise is coloured: {format_length((whole, data.unit))} rms in all, of which "
+            f"{format_length((sigma, data.unit))} from sample to sample"
         )
-    if not follows(data, unexplained):
+    if not has_response_to_drive(data, unexplained):
         said.append(
             "the displacement does not follow the drive: a memory of the drive of any shape "
             f"explains {max(0.0, 1.0 - unexplained / _variance(data)):.0%} of it; check the sensor "
@@ -81,8 +81,8 @@ def survey(
             "the sampling is slow for this drive: what happens within a sample or two cannot be "
             "distinguished from the loop"
         )
-    if hardly_turns(data):
-        slow = "" if stands_still(data) else ", and no slow change,"
+    if has_few_turns(data):
+        slow = "" if has_long_rest(data) else ", and no slow change,"
         said.append(
             f"the drive hardly reverses: nothing that it causes{slow} can be distinguished from "
             "the loop"
@@ -120,7 +120,7 @@ def survey(
     return DataQuality(rows, data.missing, data.stalls, tuple(said))
 
 
-def follows(data: Data, unexplained: float) -> bool:
+def has_response_to_drive(data: Data, unexplained: float) -> bool:
     """Return whether the drive explains something of the displacement."""
     return unexplained < (1.0 - FOLLOWS) * _variance(data)
 
@@ -146,11 +146,11 @@ def _variance(data: Data) -> float:
     return max(float(np.var(data.y[data.rows])), 1e-300)
 
 
-def comes_back(data: Data) -> bool:
+def has_reversals_within_sweeps(data: Data) -> bool:
     """Return whether the displacement reverses within sweeps of the drive, in most of them."""
     reach = float(np.ptp(data.y))
     parts = [data.part == p for p in np.unique(data.part)]
-    counts = [turns_within_ways(data.u[k], data.y[k], data.span, reach) for k in parts]
+    counts = [count_reversing_segments(data.u[k], data.y[k], data.span, reach) for k in parts]
     ways, backs = (sum(column) for column in zip(*counts, strict=True))
     return ways > 0 and backs > 0.5 * ways
 
@@ -161,7 +161,7 @@ def _is_slow(data: Data) -> bool:
     return bool(np.sqrt(np.mean(step**2)) > SLOW * np.std(data.u))
 
 
-def left_of(data: Data, prediction: Floats) -> Floats:
+def centred_residual(data: Data, prediction: Floats) -> Floats:
     """Return (N,) the reading less a prediction, without its mean over the rows of each
     recording."""
     e = data.y - prediction

@@ -8,8 +8,13 @@ from itertools import combinations
 import numpy as np
 
 from dehyst.models.diagnosis.data.locate import hot_spots, locate
-from dehyst.models.diagnosis.effects import Effect, on_bound
-from dehyst.models.diagnosis.evidence import Constancy, by_blocks, constancy, contribution
+from dehyst.models.diagnosis.effects import Effect, parameters_at_bound
+from dehyst.models.diagnosis.evidence import (
+    Constancy,
+    blockwise_held_out_error,
+    constancy,
+    contribution,
+)
 from dehyst.models.diagnosis.findings.growth import Growth, growth
 from dehyst.models.diagnosis.findings.reported import unidentified
 from dehyst.models.diagnosis.findings.rivals import RivalEffect, rivals
@@ -19,16 +24,16 @@ from dehyst.models.diagnosis.judge import SearchState
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import PHYSICS
-from dehyst.models.physics.candidate import Candidate, small
+from dehyst.models.physics.candidate import Candidate, format_length
 
 
-def verdict_of(
-    findings: Sequence[Finding], left: float, at_first: float, beside: float, floor: float
+def decide_verdict(
+    findings: Sequence[Finding], left: float, at_first: float, any_loop: float, floor: float
 ) -> str:
     """Return clean, explained, partly or unknown. Rms beyond the noise: left, at_first: of the
-    augmented model and of the model in use; beside: of a loop of any shape without physics, against
-    which the explained part is measured. floor: rms of the noise, or the smallest error of any
-    base."""
+    augmented model and of the model in use; any_loop: of a loop of any shape without physics,
+    against which the explained part is measured. floor: rms of the noise, or the smallest error of
+    any base."""
     structure = TUNING.strong * floor
     if not findings:
         return "unknown" if at_first > structure else "clean"
@@ -37,7 +42,7 @@ def verdict_of(
     if all(f.name == "shape" for f in findings):
         return "partly" if left > structure else "explained"
     part = TUNING.minor if left > structure else TUNING.half
-    return "partly" if left**2 > part * beside**2 else "explained"
+    return "partly" if left**2 > part * any_loop**2 else "explained"
 
 
 def report_effects(problem: Problem, found: SearchState, held: float) -> list[Finding]:
@@ -49,7 +54,7 @@ def report_effects(problem: Problem, found: SearchState, held: float) -> list[Fi
     out = []
     for i, effect in enumerate(final.effects):
         rest = [e for e in final.effects if e is not effect]
-        without = by_blocks(problem, problem.without(final, effect))
+        without = blockwise_held_out_error(problem, problem.without(final, effect))
         x, r = contribution(problem, final, effect)
         steady = constancy(problem, sigma, x, r)
         near = rivals(found, effect)
@@ -77,20 +82,20 @@ def report_effects(problem: Problem, found: SearchState, held: float) -> list[Fi
                 parameters={_in_units(k, keys): v for k, v in values[i].items() if k not in wide},
                 ambiguous_with=others,
                 where={**hot_spots(locate(data, r, sigma)), **(changed.where if changed else {})},
-                says=c.says(plain) + _reservations(effect, near, others, steady, changed, wide),
+                says=c.describe(plain) + _reservations(effect, near, others, steady, changed, wide),
             )
         )
     return out
 
 
-def shared_out(findings: Sequence[Finding], removed: float) -> list[Finding]:
+def distribute_share(findings: Sequence[Finding], removed: float) -> list[Finding]:
     """Return the findings in rank order, with shares that add up to `removed`, the share of the
     explainable misfit that all remove together."""
     total = max(sum(f.share for f in findings), 1e-300) * (1.0 + 1e-12)  # rounded, still within 1
-    return in_rank([replace(f, share=removed * f.share / total) for f in findings])
+    return sort_by_strength([replace(f, share=removed * f.share / total) for f in findings])
 
 
-def in_rank(findings: Sequence[Finding]) -> list[Finding]:
+def sort_by_strength(findings: Sequence[Finding]) -> list[Finding]:
     """Return the findings strongest first, with the shape after the physics. A cause can be acted
     upon; the shape is what the model's own class could not follow in addition."""
     return sorted(findings, key=lambda f: (f.name == "shape", -f.share))
@@ -111,7 +116,7 @@ def _other_names(
     """Return the names that would do as well. A drift found together with creep may be that creep's
     own past, in a form other than the library's."""
     names = [r.name for r in near]
-    if c.last:
+    if c.is_last_resort:
         names += [e.candidate.name for e in beside if e.candidate.name in c.confused_with]
     return tuple(dict.fromkeys(n for n in names if n != c.name))
 
@@ -134,13 +139,15 @@ def _reservations(
         text += f" {changed.says}"
     elif steady.spread > 0.5:
         text += " Its size is not constant, so treat it as unconfirmed."
-    bounds = list(dict.fromkeys([*on_bound(effect), *wide]))
+    bounds = list(dict.fromkeys([*parameters_at_bound(effect), *wide]))
     if bounds and c.reports_bounds:
         text += f" Not identified here: {', '.join(bounds)}."
     return text
 
 
-def unknown(left: float, share: float, where: dict[str, str], unit: str, when: str = "") -> Finding:
+def report_unknown(
+    left: float, share: float, where: dict[str, str], unit: str, when: str = ""
+) -> Finding:
     """Return the finding for structure that nothing in the library explains. left: rms; share:
     share of the explainable misfit; when: text on when it occurs."""
     places = "; ".join(f"{k.replace('_', ' ')}: {v}" for k, v in where.items())
@@ -158,7 +165,7 @@ def unknown(left: float, share: float, where: dict[str, str], unit: str, when: s
         ambiguous_with=(),
         where=where,
         says=(
-            f"No effect in the library explains this part ({small((left, unit))} rms)"
+            f"No effect in the library explains this part ({format_length((left, unit))} rms)"
             + (f"; {when}" if when else "")
             + (f"; it occurs at {places}." if places else nowhere)
         ),

@@ -12,9 +12,9 @@ import numpy as np
 
 from dehyst.models.diagnosis.result import Finding, Value
 from dehyst.models.physics import line_for_a_time
-from dehyst.models.physics.candidate import small
+from dehyst.models.physics.candidate import format_length
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
-from dehyst.models.signals.lines import is_of_the_drive
+from dehyst.models.signals.lines import is_drive_line
 
 STRETCHES = 24
 LEAST = 128  # samples of a stretch, at least
@@ -67,7 +67,7 @@ def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
         for i in range(len(data.names))
         for line in _lines_of(data, residual, i)
         if _is_alone(data, residual, sigma, line)
-        and not is_of_the_drive(data, residual, line.here, line.frequency)
+        and not is_drive_line(data, residual, line.here, line.frequency)
     ]
     if not found:
         return None
@@ -80,7 +80,7 @@ def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
     span = f"{start:.3g} to {end:.3g} s"
     sure = 0.5 / max(end - start, 1e-9)
     finding = Finding(
-        **line_for_a_time(f, small((size, data.unit)), f"{span} of {name}"),
+        **line_for_a_time(f, format_length((size, data.unit)), f"{span} of {name}"),
         share=float(np.sum(line.removed**2)) / max(int(data.rows.sum()), 1),
         evidence={"removed_rms": float(np.sqrt(np.mean(line.removed[here] ** 2)))},
         parameters={
@@ -169,7 +169,9 @@ def _band(x: Floats, dt: float, f: float) -> Floats:
     return np.fft.irfft(spectrum, x.size).astype(np.float64)
 
 
-def tell_time(data: Data, residual: Floats, sigma: float) -> tuple[str, dict[str, float | str]]:
+def describe_residual_change(
+    data: Data, residual: Floats, sigma: float
+) -> tuple[str, dict[str, float | str]]:
     """Return, in words and as places, when the level or the size of the residual changes; "" and {}
     where it does not."""
     spans: list[tuple[float, str, dict[str, float | str]]] = []
@@ -181,7 +183,10 @@ def tell_time(data: Data, residual: Floats, sigma: float) -> tuple[str, dict[str
         e, t = residual[at], data.t[at]
         step, jump, gain = _best_step(e)
         if gain > SLIP * whole and abs(jump) > sigma:
-            text = f"the level slips by {small((jump, data.unit))} at {t[step]:.3g} s of {name}"
+            text = (
+                f"the level slips by {format_length((jump, data.unit))} at {t[step]:.3g} s of "
+                f"{name}"
+            )
             spans.append((gain, text, {"recording": name, "from_s": float(t[step])}))
         step, _, _ = _best_step(e**2)
         before, after = (float(np.mean(x**2)) - sigma**2 for x in (e[:step], e[step:]))

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dehyst.models.diagnosis.joint_fit import JointFit
-from dehyst.models.diagnosis.judge import SearchState, excess, tells_what_is_late
+from dehyst.models.diagnosis.judge import SearchState, can_distinguish_lag, misfit_beyond_noise
 from dehyst.models.diagnosis.result import Limit
 from dehyst.models.diagnosis.screen import Screen, contribution_of
 from dehyst.models.diagnosis.tuning import TUNING
@@ -59,46 +59,47 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
     added): names that are found when (N,) `added` of the candidate is added to the reading.
     """
     problem, sigma = found.problem, found.sigma
-    look = Screen(problem, found.accepted)
+    screen = Screen(problem, found.accepted)
     named = {e.candidate.name for e in found.accepted.effects} | set(untold)
-    left = excess(problem, found.accepted, sigma)
+    left = misfit_beyond_noise(problem, found.accepted, sigma)
     kinds: dict[tuple[str, str], list[Candidate]] = {}
-    hidden = not tells_what_is_late(problem, sigma)
+    hidden = not can_distinguish_lag(problem, sigma)
     loud = left > sigma**2
     loud |= len(found.accepted.effects) >= TUNING.few
     for c in list_candidates(problem.data):
         if c.name in named or not c.probes(problem.data):
             continue
-        if (c.driven and loud) or _stands_near(c, found.accepted):
+        if (c.driven and loud) or _has_lookalike(c, found.accepted):
             continue
         kinds.setdefault((c.name, c.channel), []).append(c)
 
     def tightest(some: Sequence[Candidate]) -> Limit | None:
-        if problem.few_places and some[0].late:  # late effects replace each other there
+        # late effects replace each other there
+        if problem.has_few_distinct_places and some[0].late:
             return Guess(some[0], None).limit(None) if hidden else None
-        ring = some[0].ring(some[0].probes(problem.data)[0].theta)
-        if problem.one_loop_alone and ring:  # its ring is locked to the loop
+        ring = some[0].free_oscillation(some[0].probes(problem.data)[0].theta)
+        if problem.is_single_loop and ring:  # its ring is locked to the loop
             return Guess(some[0], None).limit(None)
         shown = []
         for c in some:
             least = ((TUNING.strong if c.driven else TUNING.clear) * sigma) ** 2
             if c.driven:
                 least = max(least, TUNING.minor * left)
-            guess = _guess(look, c, float(np.sqrt(least)))
+            guess = _guess(screen, c, float(np.sqrt(least)))
             if guess.probe is not None:
                 above = c.limit_side == "above"
                 shown.append((guess.probe.value if above else -guess.probe.value, guess))
         if not shown:
             return Guess(some[0], None).limit(None)
         guess = min(shown, key=lambda one: one[0])[1]
-        value = _checked(look, guess, seen)
-        leaves_out = guess.candidate.limit_leaves_out(problem.data)
+        value = _checked(screen, guess, seen)
+        leaves_out = guess.candidate.limit_caveat(problem.data)
         return None if value is None else guess.limit(value, leaves_out)
 
     return [one for one in problem.several(tightest, kinds.values()) if one is not None]
 
 
-def _stands_near(c: Candidate, accepted: JointFit) -> bool:
+def _has_lookalike(c: Candidate, accepted: JointFit) -> bool:
     """Return whether a found effect could take the candidate's place, or part of it: what looks
     alike, and, if a found effect is caused by the drive, all that resembles a hysteresis of another
     shape."""
@@ -110,26 +111,26 @@ def _stands_near(c: Candidate, accepted: JointFit) -> bool:
     )
 
 
-def _checked(look: Screen, guess: Guess, seen: Seen) -> float | None:
+def _checked(screen: Screen, guess: Guess, seen: Seen) -> float | None:
     """Return the strength from which on the candidate is found once it is added; None if at no
     strength."""
     c, here = guess.candidate, guess
     for _ in range(TRIES):
         if here.probe is None:
             return None
-        if c.name in seen(c, contribution_of(look, c, here.probe)):
-            stronger = _stronger(look, here, STRONGER).probe
+        if c.name in seen(c, contribution_of(screen, c, here.probe)):
+            stronger = _stronger(screen, here, STRONGER).probe
             return None if stronger is None else float(stronger.value)
-        here = _stronger(look, here, RAISED)
+        here = _stronger(screen, here, RAISED)
     return None
 
 
-def _stronger(look: Screen, guess: Guess, steps: float) -> Guess:
+def _stronger(screen: Screen, guess: Guess, steps: float) -> Guess:
     """Return the same, stronger by that number of steps; beyond the strongest probe there is
     none."""
     c, probe = guess.candidate, guess.probe
     if c.mode != "columns":
-        return _at(look, c, guess.place + steps)
+        return _at(screen, c, guess.place + steps)
     assert probe is not None
     return Guess(c, _amplified(probe, STEP**steps))
 
@@ -138,9 +139,9 @@ def _amplified(probe: Probe, factor: float) -> Probe:
     return Probe(factor * probe.value, probe.theta, tuple(factor * a for a in probe.amplitudes))
 
 
-def _at(look: Screen, c: Candidate, place: float) -> Guess:
+def _at(screen: Screen, c: Candidate, place: float) -> Guess:
     """Return the guess at a fractional index between two of the candidate's probes."""
-    probes = c.probes(look.problem.data)
+    probes = c.probes(screen.problem.data)
     k = min(int(place), len(probes) - 2)
     if place > len(probes) - 1 or k < 0:
         return Guess(c, None)
@@ -153,13 +154,13 @@ def _at(look: Screen, c: Candidate, place: float) -> Guess:
     return Guess(c, Probe(value, tuple(theta)), place)
 
 
-def _guess(look: Screen, c: Candidate, least: float) -> Guess:
+def _guess(screen: Screen, c: Candidate, least: float) -> Guess:
     """Return the strength whose contribution, with the fit projected out, has an rms of `least`."""
-    probes = c.probes(look.problem.data)
+    probes = c.probes(screen.problem.data)
     sizes = []
     for probe in probes:
-        x = contribution_of(look, c, probe)[:, None]
-        sizes.append(float(np.sqrt(np.mean(look.projected(x) ** 2))))
+        x = contribution_of(screen, c, probe)[:, None]
+        sizes.append(float(np.sqrt(np.mean(screen.projected(x) ** 2))))
         if sizes[-1] > 3 * least:
             break
     if c.mode == "columns":  # linear in the amplitude
@@ -171,6 +172,6 @@ def _guess(look: Screen, c: Candidate, least: float) -> Guess:
         return Guess(c, None)
     k = reached[0]
     if k == 0 or sizes[k - 1] <= 0:
-        return _at(look, c, float(k))
+        return _at(screen, c, float(k))
     part = float(np.clip(np.log(least / sizes[k - 1]) / np.log(sizes[k] / sizes[k - 1]), 0, 1))
-    return _at(look, c, k - 1 + part)
+    return _at(screen, c, k - 1 + part)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from dehyst.models.diagnosis.effects import Effect
-from dehyst.models.diagnosis.evidence import by_blocks
+from dehyst.models.diagnosis.evidence import blockwise_held_out_error
 from dehyst.models.diagnosis.intervals import intervals
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState
@@ -17,14 +17,14 @@ from dehyst.models.physics.candidate import Candidate
 from dehyst.models.signals.lines import gain_of_line
 
 
-def worth_reporting(found: SearchState) -> SearchState:
+def keep_helpful_effects(found: SearchState) -> SearchState:
     """Return the search without the effects that do not help on held-out samples, or may be
     another's."""
     problem, sigma = found.problem, found.sigma
     final = _without_lines(found)
-    first = by_blocks(problem, found.null)
+    first = blockwise_held_out_error(problem, found.null)
     while final.effects:
-        whole = by_blocks(problem, final)
+        whole = blockwise_held_out_error(problem, final)
         # next to a cause a hundred times as large, a second one of some noise rms still counts
         of_all = TUNING.trace**2 * max(first - sigma**2, 0.0)
         of_rest = TUNING.minor * max(whole - sigma**2, 0.0)
@@ -33,13 +33,16 @@ def worth_reporting(found: SearchState) -> SearchState:
             most = TUNING.strong if e.candidate.driven else TUNING.clear
             least = max((TUNING.trace * sigma) ** 2, min(of_all, (most * sigma) ** 2), of_rest)
             alone = len(final.effects) == 1
-            left = first if alone else by_blocks(problem, problem.without(final, e))
+            left = first if alone else blockwise_held_out_error(problem, problem.without(final, e))
             losses.append(((left - whole) / least, e))
         loss, weakest = min(losses, key=lambda pair: pair[0])
         if loss > 1.0:
             break
         final = _without(found, final.effects, weakest)
-    if final.effects and first - by_blocks(problem, final) < (TUNING.trace * sigma) ** 2:
+    if (
+        final.effects
+        and first - blockwise_held_out_error(problem, final) < (TUNING.trace * sigma) ** 2
+    ):
         final = found.null  # each seems to need the others, and together they predict nothing
     return replace(found, accepted=final)
 
@@ -48,10 +51,10 @@ def _without_lines(found: SearchState) -> JointFit:
     """Return the fit without modes that may be lines of the surroundings: a drive that repeats a
     single loop does not distinguish the two."""
     problem, final = found.problem, found.accepted
-    if not problem.one_loop_alone:
+    if not problem.is_single_loop:
         return final
     for e in final.effects:
-        ring = e.candidate.ring(e.theta)
+        ring = e.candidate.free_oscillation(e.theta)
         if ring is None or not e.candidate.driven:
             continue
         left = problem.without(final, e)
@@ -61,7 +64,7 @@ def _without_lines(found: SearchState) -> JointFit:
     return final
 
 
-def only_reported(found: SearchState) -> SearchState:
+def keep_effects_of_known_size(found: SearchState) -> SearchState:
     """Return the search without the effects whose size is not known to a factor of ten. Of several
     similar ones, the one that the others best replace is removed first, which may leave another one
     known."""
@@ -76,7 +79,9 @@ def only_reported(found: SearchState) -> SearchState:
     return replace(found, accepted=final)
 
 
-def without_kind(found: SearchState, of_kind: Callable[[Candidate], bool]) -> SearchState:
+def without_effects_of_kind(
+    found: SearchState, of_kind: Callable[[Candidate], bool]
+) -> SearchState:
     """Return the search without the effects of a kind of candidate."""
     rest = [e for e in found.accepted.effects if not of_kind(e.candidate)]
     if len(rest) == len(found.accepted.effects):

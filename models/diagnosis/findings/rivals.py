@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
-from dehyst.models.diagnosis.judge import SearchState, effect_of, excess
+from dehyst.models.diagnosis.judge import SearchState, effect_of, misfit_beyond_noise
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
@@ -26,7 +26,7 @@ class RivalEffect:
 def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
     """Return the candidates that do as well in the place of an accepted effect, best first."""
     final, sigma = found.accepted, found.sigma
-    problem = found.problem.light(found.counted)
+    problem = found.problem.with_fewer_rows(found.counted)
     final = problem.solve(final.effects, problem.output_of(final))
     n = int(problem.data.rows.sum())
     rest = [e for e in final.effects if e is not effect]
@@ -35,7 +35,7 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
     limit = max(
         (TUNING.visible * sigma) ** 2,
         TUNING.crumb * gain,
-        1.5 * excess(problem, final, sigma),
+        1.5 * misfit_beyond_noise(problem, final, sigma),
     )
     limit = min(limit, TUNING.quarter * gain)  # where much is left, a rival must still remove most
     taken = {e.candidate.key for e in final.effects}
@@ -53,9 +53,9 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
             if t.gain / found.counted < 0.6 * gain:
                 continue
             seen[key] = next(e for e in t.fit.effects if e.candidate.key == key)
-    look, untried = Screen(problem, without), set[str]()
-    for c in _alike(found, effect):
-        starts = look.starts(c)
+    screen, untried = Screen(problem, without), set[str]()
+    for c in _list_confusable(found, effect):
+        starts = screen.starts(c)
         if starts and starts[0][0] > TUNING.half * gain * n:
             seen[c.key] = Effect(c, starts[0][1])
             untried.add(c.key)
@@ -67,13 +67,13 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
         amplitudes = fit.amplitudes_of(one)
         if key in untried and one.candidate.implausible(one.theta, amplitudes, problem.data):
             continue
-        if loss < limit and _instead(problem, fit, effect, gain * n):
+        if loss < limit and _can_replace(problem, fit, effect, gain * n):
             c = other.candidate
             out.append(RivalEffect(key, c.name, c.place, loss))
     return sorted(out, key=lambda r: r.loss)
 
 
-def _alike(found: SearchState, effect: Effect) -> list[Candidate]:
+def _list_confusable(found: SearchState, effect: Effect) -> list[Candidate]:
     """Return the candidates that may be confused with an effect's and whose names no round tried in
     any form: forms with a larger estimated gain may have kept them off the shortlist."""
     own = effect.candidate
@@ -89,7 +89,7 @@ def _alike(found: SearchState, effect: Effect) -> list[Candidate]:
     ]
 
 
-def _instead(problem: Problem, fit: JointFit, effect: Effect, gain: float) -> bool:
+def _can_replace(problem: Problem, fit: JointFit, effect: Effect, gain: float) -> bool:
     """Return whether a rival replaces the effect: added to the rival, the effect removes only a
     fraction of what it removes alone. gain: fall of the sum of squares by the effect."""
     both = problem.solve([*fit.effects, effect], problem.output_of(fit))

@@ -15,14 +15,14 @@ import numpy as np
 
 from dehyst.models.diagnosis.base import no_base, numbers_base
 from dehyst.models.diagnosis.data.locate import hot_spots, locate
-from dehyst.models.diagnosis.effects import behind_output
-from dehyst.models.diagnosis.evidence import by_blocks
+from dehyst.models.diagnosis.effects import apply_output_effects
+from dehyst.models.diagnosis.evidence import blockwise_held_out_error
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.screen import Screen, contribution_of
 from dehyst.models.physics import PHYSICS, list_candidates
-from dehyst.models.physics.candidate import small
+from dehyst.models.physics.candidate import format_length
 from dehyst.models.signals.filters import dahl
 from dehyst.models.signals.joined import Floats
 
@@ -70,12 +70,12 @@ NOT_WRITTEN = (
 )
 
 
-def not_contained(finding: Finding) -> Finding:
+def mark_not_contained(finding: Finding) -> Finding:
     """Return the finding for an augmented model that is written without the shape."""
     return replace(finding, says=finding.says.replace(CONTAINED, NOT_CONTAINED))
 
 
-def not_written(finding: Finding) -> Finding:
+def mark_not_written(finding: Finding) -> Finding:
     """Return the finding for an effect that the written model does not contain."""
     return replace(finding, says=f"{finding.says} {NOT_WRITTEN}")
 
@@ -86,13 +86,13 @@ def measure_correction(
     """Measure what the base improves on the model in use. bare_square, held_square: mean square
     that the model alone leaves, and that the final fit leaves of held-out samples."""
     data = problem.data
-    own = numbers_base(data, problem.subject.model.hysteresis)
-    numbers = Problem(data, own, problem.subject)
+    own = numbers_base(data, problem.diagnosed.model.hysteresis)
+    numbers = Problem(data, own, problem.diagnosed)
     fit = numbers.solve(final.effects, problem.output_of(final) if final.effects else None)
-    left = by_blocks(numbers, fit)
+    left = blockwise_held_out_error(numbers, fit)
     before = left
-    if problem.subject.given:
-        alone = Problem(data, no_base(data), problem.subject)
+    if problem.diagnosed.given:
+        alone = Problem(data, no_base(data), problem.diagnosed)
         before = alone.solve(final.effects, problem.output_of(final)).sse / int(data.rows.sum())
     elif not final.effects:
         before = bare_square  # without effects, all that the base explains is shape
@@ -103,7 +103,7 @@ def measure_correction(
 def absorbed_names(problem: Problem, final: JointFit, size: float) -> tuple[str, ...]:
     """Return names of causes driven by the drive that the base absorbs almost entirely, at an rms
     of about `size`: with this drive they cannot be distinguished from a loop of another shape."""
-    look = Screen(problem, final)
+    screen = Screen(problem, final)
     best: dict[str, float] = {}
     taken = {e.candidate.key for e in final.effects}
     for c in list_candidates(problem.data):
@@ -111,10 +111,10 @@ def absorbed_names(problem: Problem, final: JointFit, size: float) -> tuple[str,
         if not c.driven or c.static or c.key in taken or not probes:
             continue
         for probe in probes:
-            x = contribution_of(look, c, probe)
+            x = contribution_of(screen, c, probe)
             raw = float(np.std(x[problem.data.rows]))
             if raw >= 0.7 * size or probe is probes[-1]:
-                shown = float(np.sqrt(np.mean(look.projected(x[:, None]) ** 2)))
+                shown = float(np.sqrt(np.mean(screen.projected(x[:, None]) ** 2)))
                 best[c.name] = max(best.get(c.name, 0.0), shown / raw if raw > 1e-12 else 0.0)
                 break
     return tuple(name for name, shown in best.items() if shown < SHOWN)
@@ -141,17 +141,17 @@ def shape_finding(
         **{f"explained_by_{k}": v for k, v in parts.items()},
     }
     says = (
-        f"The loop differs from the model's by {small((correction.rms, data.unit))} rms: {words}. "
-        f"{CONTAINED}."
+        f"The loop differs from the model's by {format_length((correction.rms, data.unit))} rms: "
+        f"{words}. {CONTAINED}."
     )
-    numbers = small((float(np.sqrt(correction.numbers)), data.unit))
+    numbers = format_length((float(np.sqrt(correction.numbers)), data.unit))
     if correction.numbers < sigma**2 + 0.3 * max(correction.gain, 0.0):
-        removed = small((float(np.sqrt(max(correction.gain, 0.0))), data.unit))
+        removed = format_length((float(np.sqrt(max(correction.gain, 0.0))), data.unit))
         says = (
             f"The model's parameters differ from this stage's by {removed} rms: other values in "
             f"the same class would leave {numbers}. "
         )
-        if problem.subject.given:
+        if problem.diagnosed.given:
             says += "Identify again from these recordings"
         else:
             says += "These recordings show too little of the loop to identify it"
@@ -178,10 +178,10 @@ def _correction(problem: Problem, final: JointFit) -> Floats:
     removed."""
     data = problem.data
     d = final.added
-    if not problem.subject.carries:
-        own = numbers_base(data, problem.subject.model.hysteresis)
+    if not problem.diagnosed.carries:
+        own = numbers_base(data, problem.diagnosed.model.hysteresis)
         v = problem.drive_at_hysteresis(final.effects)
-        columns = behind_output(data.path, final.effects, own.columns(v, data.path.forgets))
+        columns = apply_output_effects(data.path, final.effects, own.columns(v, data.path.forgets))
         columns = data.sampled(columns)
         x = np.column_stack([np.ones(data.n), columns])
         x /= np.sqrt(np.maximum(np.mean(x**2, axis=0), 1e-30))

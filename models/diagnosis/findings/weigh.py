@@ -5,8 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dehyst.models.diagnosis.evidence import by_blocks
-from dehyst.models.diagnosis.findings.decide import in_rank, report_effects, shared_out
+from dehyst.models.diagnosis.evidence import blockwise_held_out_error
+from dehyst.models.diagnosis.findings.decide import (
+    distribute_share,
+    report_effects,
+    sort_by_strength,
+)
 from dehyst.models.diagnosis.findings.episodes import Episode
 from dehyst.models.diagnosis.findings.shape import measure_correction, shape_finding
 from dehyst.models.diagnosis.fit import Problem
@@ -40,13 +44,13 @@ def conclude(
     freed = replace(bare, data=replace(bare.data, y=found.problem.data.y))
     alone = freed.solve([])
     without = alone.sse / n
-    held = by_blocks(found.problem, found.accepted)
+    held = blockwise_held_out_error(found.problem, found.accepted)
     if found.accepted.effects and held > without - (TUNING.trace * sigma) ** 2:
         # the base overfits more than it explains: the effects are fitted to the model in use
         # without the base
         over_it = freed.refit(found.accepted.effects, start=alone)
         found = replace(found, problem=freed, null=alone, accepted=over_it)
-        held = by_blocks(found.problem, found.accepted)
+        held = blockwise_held_out_error(found.problem, found.accepted)
     in_part = [] if episode is None else [episode.finding]
     nothing = Conclusion(_shared(in_part, first, without, sigma), freed, alone, first, without)
     if held > without - (TUNING.trace * sigma) ** 2:
@@ -81,7 +85,7 @@ def _shared(
     findings: Sequence[Finding], first: float, held: float, sigma: float
 ) -> tuple[Finding, ...]:
     removed = float(np.clip((first - held) / max(first - sigma**2, 1e-300), 0.0, 1.0))
-    return tuple(shared_out(findings, removed))
+    return tuple(distribute_share(findings, removed))
 
 
 def with_episode(
@@ -91,7 +95,7 @@ def with_episode(
     explainable = max(weighed.bare - sigma**2, 1e-300)
     taken = sum(f.share for f in findings)
     share = min(episode.finding.share / explainable, 1.0 - taken)
-    return tuple(in_rank([*findings, replace(episode.finding, share=share)]))
+    return tuple(sort_by_strength([*findings, replace(episode.finding, share=share)]))
 
 
 def _without_echoes(findings: Sequence[Finding]) -> list[Finding]:

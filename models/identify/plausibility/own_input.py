@@ -14,7 +14,7 @@ from dehyst.models.identify.plausibility.recordings import measure_line
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording
-from dehyst.models.signals.ways import turns_within_ways
+from dehyst.models.signals.drive_segments import count_reversing_segments
 
 BUTTERFLY = (
     "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "
@@ -178,7 +178,7 @@ def is_butterfly(u: Floats, y: Floats) -> bool:
     u, y = u[known], y[known]
     if u.size < 2 or not np.ptp(u) or not np.ptp(y):
         return False
-    ways, backs = turns_within_ways(u, y, float(np.ptp(u)), float(np.ptp(y)))
+    ways, backs = count_reversing_segments(u, y, float(np.ptp(u)), float(np.ptp(y)))
     return ways > 0 and backs > 0.5 * ways
 
 

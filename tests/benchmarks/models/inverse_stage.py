@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import SimulatedStage
-from dehyst.models.cascade.step import pack, undo
+from dehyst.models.cascade.step import invert_stage_blocks, pack
 from dehyst.models.identify import Options, identify
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Block, Hysteresis, Model, Validity
@@ -65,7 +65,7 @@ def _identified(u: Floats, y: Floats, blocks: tuple[Block, ...]) -> Model:
         seq[1:] = y + tau * np.gradient(y, 1 / RATE_HZ)
         states = packed.settle(0.0, float(y[0]))
         dt = 1 / RATE_HZ
-        undo(packed.chain, states, states.copy(), np.zeros(0), 1, dt, dt, seq)
+        invert_stage_blocks(packed.chain, states, states.copy(), np.zeros(0), 1, dt, dt, seq)
     model = identify([Recording(t, u, seq[1:])], Options()).model
     return Model(
         model.hysteresis, model.validity, model.drive_unit, model.displacement_unit, blocks,

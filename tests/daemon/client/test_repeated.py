@@ -205,7 +205,7 @@ def test_steps_before_each_reading_are_those_of_the_loop_across_the_seam() -> No
         mine = slice(of_pass * n, (of_pass + 1) * n)
         outputs.put(of_pass, records[mine][:7], np.arange(7))
         outputs.put(of_pass, records[mine][7:], np.arange(7, n))
-    steps, since_s = outputs.of_pass(2)
+    steps, since_s = outputs.steps_of_pass(2)
     for place in range(n):
         for j in range(1, back + 1):
             at = 2 * n + place - j
@@ -217,4 +217,4 @@ def test_steps_before_each_reading_are_those_of_the_loop_across_the_seam() -> No
     missed = records[2 * n :].copy()
     missed["flags"][5] = Flag.MISSED
     outputs.put(3, missed, np.arange(n))
-    assert np.isnan(outputs.of_pass(3)[0][6:10].sum(axis=1)).all()
+    assert np.isnan(outputs.steps_of_pass(3)[0][6:10].sum(axis=1)).all()

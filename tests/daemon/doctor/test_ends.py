@@ -10,9 +10,9 @@ import pytest
 from tests.daemon.doctor.test_examination import RATE_HZ, a_case
 from tests.rigs.stage_model import kept_model
 
-from dehyst.daemon.doctor.child import examined_or_why
+from dehyst.daemon.doctor.child import examine_or_explain
 from dehyst.daemon.doctor.examination import examine
-from dehyst.daemon.doctor.process import end_of, processor_s, why_over
+from dehyst.daemon.doctor.process import describe_exit, processor_s, why_to_stop
 from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import Examined
 from dehyst.daemon.files.models import save_model
@@ -83,7 +83,7 @@ def test_what_ended_an_examination_is_said_as_it_was(
     def fails(_place: Path) -> Examined:
         raise error
 
-    found = examined_or_why(tmp_path, 4.0, fails)
+    found = examine_or_explain(tmp_path, 4.0, fails)
     assert found.failed
     assert says in found.says
     assert ("GB" in found.says) == isinstance(error, MemoryError)
@@ -96,8 +96,8 @@ def test_what_ended_an_examination_is_said_as_it_was(
 def test_a_process_that_leaves_no_result_is_said_to_have_ended_as_it_did(
     code: int, says: str
 ) -> None:
-    assert says in end_of(code)
-    assert "GB" not in end_of(code)
+    assert says in describe_exit(code)
+    assert "GB" not in describe_exit(code)
 
 
 def test_a_diagnosis_of_a_stage_at_rest_has_all_pictures(tmp_path: Path) -> None:
@@ -112,10 +112,10 @@ def test_a_diagnosis_of_a_stage_at_rest_has_all_pictures(tmp_path: Path) -> None
 
 
 def test_an_examination_that_other_work_keeps_waiting_is_not_ended_as_a_slow_one() -> None:
-    assert why_over(900.0, 800.0, 700.0) == ""
-    assert why_over(900.0, 4000.0, 30.0) == ""
-    assert "901 s of a processor" in why_over(900.0, 902.0, 901.0)
-    starved = why_over(900.0, 6000.0, 30.0)
+    assert why_to_stop(900.0, 800.0, 700.0) == ""
+    assert why_to_stop(900.0, 4000.0, 30.0) == ""
+    assert "901 s of a processor" in why_to_stop(900.0, 902.0, 901.0)
+    starved = why_to_stop(900.0, 6000.0, 30.0)
     assert "left it 30 s of a processor in 6000 s" in starved
 
 

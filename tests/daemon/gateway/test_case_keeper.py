@@ -14,7 +14,7 @@ from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.gateway.history import TelemetryHistory
 from dehyst.daemon.gateway.mismatch import MismatchWatch
 from dehyst.daemon.rings.records import TELEMETRY, State
-from dehyst.models.change.led import without_lead
+from dehyst.models.change.lead import drop_lead
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.recording import Recording
 
@@ -89,7 +89,7 @@ def test_a_change_becomes_a_case_with_the_last_good_recording_and_what_came_late
         cases.GOOD: 25.0, cases.FLAGGED: 25.0, cases.LATER: 27.0,
     }  # fmt: skip
     good, flagged, later = (
-        without_lead(one, case.leads[name])
+        drop_lead(one, case.leads[name])
         for one, name in ((good, cases.GOOD), (flagged, cases.FLAGGED), (later, cases.LATER))
     )
 

@@ -9,7 +9,7 @@ from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.bus.messages import Setpoint
 from dehyst.daemon.clock import monotonic_ns
 from dehyst.daemon.gateway.admission import Admission
-from dehyst.daemon.gateway.command_intake import CROWD, WAITING_PUTS, AxisDoor, CommandIntake
+from dehyst.daemon.gateway.command_intake import CROWD, WAITING_PUTS, AxisInbox, CommandIntake
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.rings.records import State
 
@@ -39,15 +39,15 @@ def test_of_a_flood_the_newest_of_each_sender_is_looked_at() -> None:
     core = admission.core
     core.alive, core.state, core.reachable = True, State.READY, (0.0, 1e6)
     number = lease.give(monotonic_ns(), 1, "one", monotonic_ns())
-    door = AxisDoor(stand, Keys("dehyst", "a"), stand, admission)
-    intake = CommandIntake([door])
+    inbox = AxisInbox(stand, Keys("dehyst", "a"), stand, admission)
+    intake = CommandIntake([inbox])
 
     def put(client: int, sequence: int) -> None:
         message = Setpoint(
             client=client, lease=number, sequence=sequence, sent_ns=monotonic_ns(),
             value=float(sequence), unit="um",
         )  # fmt: skip
-        intake.put(door, f"dehyst/@v1/a/pubsub/setpoint_um/{client}", encoding.encode(message))
+        intake.put(inbox, f"dehyst/@v1/a/pubsub/setpoint_um/{client}", encoding.encode(message))
 
     for i in range(CROWD):  # few: each one is handled
         put(1, i + 1)
@@ -62,4 +62,4 @@ def test_of_a_flood_the_newest_of_each_sender_is_looked_at() -> None:
         pass
     assert stand.values[CROWD:] == [1000.0 + count - 1]
     assert admission.rejected["lease-taken"] == 1
-    assert door.flooded + admission.rejected["flood"] == 2 * count - 2
+    assert inbox.flooded + admission.rejected["flood"] == 2 * count - 2

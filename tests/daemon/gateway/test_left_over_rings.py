@@ -25,8 +25,8 @@ def attached(folder: Path) -> CoreRings:
 
 def test_those_of_a_running_process_are_in_use(tmp_path: Path) -> None:
     rings = attached(tmp_path)
-    assert not rings.left_over
-    assert not CoreRings(tmp_path / "none").left_over
+    assert not rings.is_left_over
+    assert not CoreRings(tmp_path / "none").is_left_over
 
 
 def test_no_number_in_a_ring_ends_the_gateway(tmp_path_factory) -> None:
@@ -39,7 +39,7 @@ def test_no_number_in_a_ring_ends_the_gateway(tmp_path_factory) -> None:
     def holds(number: int) -> None:
         words[PID] = number
         running = Path(f"/proc/{number}").exists()
-        said = rings.left_over
+        said = rings.is_left_over
         if number > 0:
             assert said != running
 

@@ -33,7 +33,9 @@ class Gates:
         return reply
 
     def holders(self) -> list[int]:
-        return [g.gate.lease.client if g.gate.lease.held(g.now) else 0 for g in self.gates.values()]
+        return [
+            g.gate.lease.client if g.gate.lease.is_held(g.now) else 0 for g in self.gates.values()
+        ]
 
     def pass_s(self, seconds: float) -> None:
         for gate in self.gates.values():

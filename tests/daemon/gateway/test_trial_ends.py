@@ -102,12 +102,12 @@ class Story:
         samples = np.array(self.rig.records[self._seen :], TELEMETRY)
         self._seen = len(self.rig.records)
         for first in range(0, samples.size, 20):
-            self.trial.see(samples[first : first + 20])
+            self.trial.take_samples(samples[first : first + 20])
         if self._asked:
             self._asked = False
             self.running, *_ = choose_model(self.config)
             self.rig.reload(self.running)
-        self.over = self.trial.look(clock.monotonic_ns()) or self.over
+        self.over = self.trial.check_outcome(clock.monotonic_ns()) or self.over
         return self.over is not None
 
     def move(self, how: "Move", seconds: float) -> bool:
@@ -224,7 +224,7 @@ def test_a_gateway_that_restarts_keeps_the_bound(story: Callable[..., Story]) ->
     one.passed_s += 10.0  # without a gateway
     one.trial = one.new_trial()
     one.trial.resume()
-    assert one.trial.on_trial == "mismatch-1"
+    assert one.trial.case_on_trial == "mismatch-1"
     one.move(rest, 20.0)
     one.trial = one.new_trial()
     one.trial.resume()

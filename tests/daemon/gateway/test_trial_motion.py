@@ -22,7 +22,7 @@ from tests.rigs.trials import (
 from tests.rigs.trials import steps as large_steps
 
 from dehyst.daemon.files.models import load_model, save_model
-from dehyst.daemon.gateway.model_before import ModelBefore
+from dehyst.daemon.gateway.previous_model import PreviousModel
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.models.model import Block
 
@@ -63,7 +63,7 @@ def test_the_model_before_expects_what_the_loop_expected_of_it(rig: TrialRig) ->
     except for a constant: it does not know the time before the samples that are kept."""
     rig.go(setpoints, 20.0)
     samples = np.array(rig.rig.records, TELEMETRY)[2000:]
-    before = ModelBefore(rig.config, scaled(1.2), rig.history.get)
+    before = PreviousModel(rig.config, scaled(1.2), rig.history.get)
     found = np.concatenate([before.expect(samples[k : k + 50]) for k in range(0, 1000, 50)])
     off = found - samples["predicted"][:1000]
     assert np.ptp(off) < 1e-6
@@ -74,7 +74,7 @@ def test_the_model_before_expects_what_the_loop_expected_of_it(rig: TrialRig) ->
 def test_a_model_that_follows_further_channels_is_not_led(rig: TrialRig) -> None:
     rig.go(setpoints, 1.0)
     block = Block("coupling", "stage", {"gain_um_per_unit": 0.1}, "temp_c")
-    found = ModelBefore(rig.config, replace(scaled(1.2), blocks=(block,)), rig.history.get)
+    found = PreviousModel(rig.config, replace(scaled(1.2), blocks=(block,)), rig.history.get)
     assert np.isnan(found.expect(np.array(rig.rig.records, TELEMETRY))).all()
 
 
@@ -82,7 +82,7 @@ def test_a_loop_that_runs_another_model_ends_the_trial_and_it_is_not_judged(rig:
     rig.go(setpoints, 8.0)
     rig.offer(scaled(1.0, lag=True))
     rig.go_on(setpoints)
-    assert rig.trial.look(rig.clock_ns) is None
+    assert rig.trial.check_outcome(rig.clock_ns) is None
     save_model(scaled(1.1), rig.folder / "model.toml")  # replaced by its owner
     rig.reload_asked = True
     over = rig.until_over(setpoints, False, 30.0)
@@ -100,6 +100,6 @@ def test_how_far_it_is_is_said(rig: TrialRig) -> None:
     rig.offer(scaled(1.0, lag=True))
     assert "the loop does not run it now" in rig.trial.progress(rig.clock_ns)
     rig.go_on(rest)
-    rig.trial.look(rig.clock_ns)
+    rig.trial.check_outcome(rig.clock_ns)
     rig.go(rest, 5.0)
     assert "waiting for the stage to move; it ends in 85 s" in rig.trial.progress(rig.clock_ns)

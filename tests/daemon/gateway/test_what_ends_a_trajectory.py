@@ -68,10 +68,10 @@ def test_who_holds_no_lease_clears_nothing(gate: Gate) -> None:
 
 def test_a_trajectory_that_the_loop_has_left_is_not_taken_up_again(gate: Gate) -> None:
     assert gate.chunk(0, grid(0, 0.5)).ok
-    gate.gate.loop_says(9, running=True)  # still played
-    gate.gate.loop_says(8, running=False)  # another one
+    gate.gate.take_loop_report(9, running=True)  # still played
+    gate.gate.take_loop_report(8, running=False)  # another one
     assert gate.chunk(1, grid(0.5, 0.5)).ok
-    gate.gate.loop_says(9, running=False)
+    gate.gate.take_loop_report(9, running=False)
     reply = gate.chunk(2, grid(1.0, 0.5))
     assert (reply.code, gate.records.size) == ("over", 0)
     assert "the loop no longer follows it" in reply.text

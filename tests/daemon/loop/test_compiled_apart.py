@@ -19,14 +19,14 @@ from dehyst.daemon.loop.compiled_loop import run_samples
 from dehyst.daemon.loop.sample import finish, take_requests
 from dehyst.daemon.loop.step_kernel import stopped
 from dehyst.models.inverse import lookahead, preview, sample
-from dehyst.models.inverse.compiling import FLOATS, compile_beside_plan, compile_plan
+from dehyst.models.inverse.compiling import FLOATS, compile_sample_kernels, compile_plan
 from dehyst.models.inverse.state import INVERSE
 
 def compiled_anew(kernel, *signature):
     njit(nogil=True)(kernel.py_func).compile(signature)
 
 compile_plan()
-compile_beside_plan()
+compile_sample_kernels()
 compiled_apart._compile_around_step()
 compiled_anew(sample.propose_drive, INVERSE, FLOATS, types.int64)
 compiled_anew(sample._follow, INVERSE)
@@ -34,8 +34,8 @@ compiled_anew(sample.applied_at, types.int64, types.float64, types.boolean)
 compiled_anew(kernels.begin_axes, types.int64[::1], types.int64, FLOATS)
 compiled_anew(run_samples, types.int64[::1], types.int64)
 halves = (
-    preview.propose, lookahead.present, lookahead.gather_targets, lookahead.take_window,
-    sample.aside, sample.applied,
+    preview.propose, lookahead.present_target, lookahead.gather_targets, lookahead.take_window,
+    sample.parallel_contribution, sample.applied,
     take_requests, groups.coordinate, kernels.next_axis, kernels.follow_axes, finish, stopped,
 )
 print(json.dumps({kernel.__name__: len(kernel.signatures) for kernel in halves}))
@@ -69,7 +69,7 @@ def test_no_process_is_started_where_the_plan_is_on_disk(monkeypatch: pytest.Mon
 def test_a_process_that_dies_costs_time_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """If the second process dies, the first one compiles everything itself and only time is
     lost."""
-    monkeypatch.setattr(compiled_apart, "plan_is_on_disk", lambda: False)
+    monkeypatch.setattr(compiled_apart, "is_plan_cached", lambda: False)
     start = subprocess.Popen
     monkeypatch.setattr(
         compiled_apart.subprocess, "Popen", lambda *_, **options: start(["false"], **options)

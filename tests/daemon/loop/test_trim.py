@@ -36,7 +36,7 @@ class Trimmed(Bench):
 
     def __init__(self, on: bool = True) -> None:
         super().__init__()
-        setting = trim.setting_of(PERIOD_NS * 1e-9, 10.0, 0.01, on)
+        setting = trim.make_trim_setting(PERIOD_NS * 1e-9, 10.0, 0.01, on)
         self.stepper = Stepper(self.settings, compensator(model()), 0.0, setting)
         self.off = 0.3
         self.reading: float | None = None
@@ -251,7 +251,7 @@ def test_both_engines_trim_alike(levels: list[float], late: list[int]) -> None:
     records = []
     for compiled in (False, True):
         rig = Rig(next(names), "static", late)
-        rig.stepper.trim_setting[:] = trim.setting_of(1e-3, 12.0, 0.02, True)
+        rig.stepper.trim_setting[:] = trim.make_trim_setting(1e-3, 12.0, 0.02, True)
         record = rig.play([setpoint(um) for um in levels], 150, compiled)
         record["cause"] = 0  # why this machine was late is not part of the step
         records.append(record)

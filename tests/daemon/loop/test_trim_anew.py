@@ -7,7 +7,7 @@ import pytest
 from tests.rigs.trim_anew import ON_TARGET_UM, die, drift, error_um, frozen, rig, wander
 from tests.rigs.trimmed_stage import TrimmedStage
 
-from dehyst.models.learning.why import Why
+from dehyst.models.learning.freeze_reason import FreezeReason
 
 
 @pytest.mark.parametrize("share", [0.0, 0.02, -0.02])
@@ -60,4 +60,4 @@ def test_a_gauge_that_stays_wrong_does_not_move_the_stage(wrong: float, moves: b
     assert frozen(one)
     assert abs(one.records[-1]["trim"] - before) < 0.02
     said = int(one.stepper.trim["lasting"][0])
-    assert said in (Why.JUMPED, Why.BEYOND, Why.NO_READING)
+    assert said in (FreezeReason.JUMPED, FreezeReason.BEYOND, FreezeReason.NO_READING)

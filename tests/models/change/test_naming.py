@@ -13,7 +13,7 @@ from dehyst.models.change.naming import (
     explains_all,
     find_one_change,
     is_of_sensor,
-    off_the_gauge,
+    move_sensor_blocks,
     pick_models,
     rank_findings,
     state_one_change,
@@ -205,7 +205,7 @@ def test_a_lag_that_may_be_the_stages_is_not_left_at_the_gauge(
         if new is not None
     ]
     found = [F("rate"), F("lag", place="sensor")]
-    model = off_the_gauge(lagging("sensor"), found, causes, 0.0005)  # type: ignore[arg-type]
+    model = move_sensor_blocks(lagging("sensor"), found, causes, 0.0005)  # type: ignore[arg-type]
     assert [b.place for b in model.blocks] == [expected]
-    other = off_the_gauge(lagging("sensor", "delay"), found, causes, 0.0005)  # type: ignore[arg-type]
+    other = move_sensor_blocks(lagging("sensor", "delay"), found, causes, 0.0005)  # type: ignore[arg-type]
     assert [b.place for b in other.blocks] == ["sensor"]  # a block without such a cause stays

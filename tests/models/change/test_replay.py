@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 from tests.models.mismatch.test_trial import NOISE, recording, stage
 
-from dehyst.models.change.replay import BothReplayed, keep_zero, replay_both, with_blocks
+from dehyst.models.change.replay import ReplayComparison, keep_zero, replay_both, with_blocks
 from dehyst.models.identify.validation import validate
 from dehyst.models.model import Block
 
 
 def test_an_offer_must_improve_by_more_than_the_noise() -> None:
-    assert BothReplayed(0.10, 0.02, 0.02, 10.0).improves
-    assert not BothReplayed(0.028, 0.020, 0.02, 10.0).improves  # removes 0.0196 rms
-    assert BothReplayed(0.029, 0.020, 0.02, 10.0).improves  # removes 0.0210 rms
-    assert not BothReplayed(0.02, 0.10, 0.02, 10.0).improves
+    assert ReplayComparison(0.10, 0.02, 0.02, 10.0).improves
+    assert not ReplayComparison(0.028, 0.020, 0.02, 10.0).improves  # removes 0.0196 rms
+    assert ReplayComparison(0.029, 0.020, 0.02, 10.0).improves  # removes 0.0210 rms
+    assert not ReplayComparison(0.02, 0.10, 0.02, 10.0).improves
 
 
 def test_both_are_replayed_on_what_came_later() -> None:

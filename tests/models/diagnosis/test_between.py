@@ -2,18 +2,18 @@
 
 import numpy as np
 import pytest
-from tests.models.diagnosis.test_subject import plain
+from tests.models.diagnosis.test_diagnosed_model import plain
 from tests.rigs.diagnosis import diagnose_without_limits
 from tests.rigs.plants.effects import memory
 
 from dehyst.models.diagnosis import diagnose
 from dehyst.models.diagnosis.base import compact_base
 from dehyst.models.diagnosis.data.between import with_path_between
+from dehyst.models.diagnosis.data.drive_path import count_distinct_places
 from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.diagnosis.data.way import places_seen
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.shortlist import still_open
+from dehyst.models.diagnosis.shortlist import list_remaining
 from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Data, Floats
@@ -87,9 +87,9 @@ def test_each_recording_keeps_its_own_path() -> None:
 
 def test_places_are_counted_by_the_way_to_them_and_from_them() -> None:
     t = fine_time(50.0)
-    assert places_seen(prepare([recorded(sines(t), 50.0)])) <= 12  # ten, and the two ends
+    assert count_distinct_places(prepare([recorded(sines(t), 50.0)])) <= 12  # ten, and the two ends
     other = 5.0 - 2.3 * (np.cos(2 * np.pi * 4.87 * t) + np.cos(2 * np.pi * 8.1 * t))
-    assert places_seen(prepare([recorded(other, 50.0)])) > 1000
+    assert count_distinct_places(prepare([recorded(other, 50.0)])) > 1000
 
 
 def test_what_comes_late_is_reported_once_where_the_drive_is_seen_in_few_places() -> None:
@@ -98,8 +98,8 @@ def test_what_comes_late_is_reported_once_where_the_drive_is_seen_in_few_places(
     problem = Problem(data, compact_base(data))
     delay = next(c for c in list_candidates(data) if c.key == "delay")
     before, behind = problem.solve([]), problem.solve([Effect(delay, (0.01,))])
-    first = still_open(problem, before, list_candidates(data))
-    then = still_open(problem, behind, list_candidates(data))
+    first = list_remaining(problem, before, list_candidates(data))
+    then = list_remaining(problem, behind, list_candidates(data))
     assert {"delay", "lag", "slew"} <= {c.name for c in first if c.late}
     assert not [c.name for c in then if c.late]
 
@@ -115,7 +115,7 @@ def test_creep_is_reported_where_the_drive_is_seen_in_few_places() -> None:
         x = x + 0.03 * memory(x, np.log10(1.0 + t / 0.1))
         y = x[::8] + NOISE_UM * np.random.default_rng(k).standard_normal(x[::8].size)
         given.append(Recording(t[::8], u[::8], y, name=f"{k}.csv"))
-    assert places_seen(prepare(given)) < 60
+    assert count_distinct_places(prepare(given)) < 60
     d = diagnose_without_limits(given)
     assert d.findings[0].name == "creep"
     gain = d.findings[0].parameters["gain_per_decade"]

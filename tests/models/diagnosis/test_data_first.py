@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from tests.models.diagnosis.test_subject import DT, NOISE_UM, N, drive, plain, recordings
+from tests.models.diagnosis.test_diagnosed_model import DT, NOISE_UM, N, drive, plain, recordings
 from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.diagnosis.data.survey import comes_back
+from dehyst.models.diagnosis.data.survey import has_reversals_within_sweeps
 from dehyst.models.recording import Recording
 
 PHYSICS = {"shape", "unknown"}
@@ -133,10 +133,12 @@ def test_a_stage_that_runs_back_at_its_turns_is_no_butterfly() -> None:
     bent = np.zeros(N)
     for i in range(1, N):
         bent[i] = np.clip(bent[i - 1] + (u[i] - u[i - 1]) / 0.1, -1.0, 1.0)
-    assert not comes_back(prepare([Recording(t, u, u - 2.5 * bent, name="friction.csv")]))
+    assert not has_reversals_within_sweeps(
+        prepare([Recording(t, u, u - 2.5 * bent, name="friction.csv")])
+    )
     late = 5.0 + 4.0 * np.sin(2 * np.pi * 0.5 * t)  # and a parabola that lags
     curve = (np.roll(late, 100) - 5.0) ** 2
-    assert comes_back(prepare([Recording(t, late, curve, name="butterfly.csv")]))
+    assert has_reversals_within_sweeps(prepare([Recording(t, late, curve, name="butterfly.csv")]))
 
 
 def test_a_stage_without_hysteresis_is_reported_and_a_narrow_loop_is_none_of_these() -> None:

@@ -3,7 +3,7 @@ present all the time has none."""
 
 import numpy as np
 import pytest
-from tests.models.diagnosis.test_subject import DT, NOISE_UM, N, drive, plain, recordings
+from tests.models.diagnosis.test_diagnosed_model import DT, NOISE_UM, N, drive, plain, recordings
 from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.diagnosis.data.prepare import prepare

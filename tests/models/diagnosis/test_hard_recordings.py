@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from tests.models.diagnosis.test_diagnosed_model import DT, NOISE_UM, N, drive, plain, recordings
 from tests.models.diagnosis.test_names import bouc_wen
-from tests.models.diagnosis.test_subject import DT, NOISE_UM, N, drive, plain, recordings
 from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.cascade.simulate import simulate

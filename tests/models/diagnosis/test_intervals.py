@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 from dehyst.models.diagnosis.base import compact_base, rich_base
 from dehyst.models.diagnosis.data.noise import noise_rms
 from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.diagnosis.effects import Effect, behind_output
+from dehyst.models.diagnosis.effects import Effect, apply_output_effects
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.intervals import intervals
 from dehyst.models.diagnosis.result import Value
@@ -42,7 +42,7 @@ def test_95_of_100_intervals_hold_the_true_value(base: object, count: int, toget
     known = {c.key: c for c in list_candidates(quiet)}
     effects = [Effect(known["resonance"], (80.0, 0.05, 0.6)), Effect(known["coupling-u2_v"], ())]
     straight = 1.1 * quiet.u
-    mode = behind_output(quiet, effects, straight[:, None])[:, 0] - straight
+    mode = apply_output_effects(quiet, effects, straight[:, None])[:, 0] - straight
     pole = np.exp(-1 / together) if together else 0.0
     hits = []
     for seed in range(RUNS):

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from tests.models.diagnosis.test_subject import DT, N, drive
+from tests.models.diagnosis.test_diagnosed_model import DT, N, drive
 
 from dehyst.models.diagnosis.data.locate import locate
 from dehyst.models.diagnosis.data.prepare import prepare

@@ -7,10 +7,10 @@ import pytest
 
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis.base import compact_base, rich_base
-from dehyst.models.diagnosis.data.locate import hot_spots, locate, since_turn, time_in_hold
+from dehyst.models.diagnosis.data.locate import hot_spots, locate, seconds_since_turn, time_in_hold
 from dehyst.models.diagnosis.data.noise import noise_rms
 from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.diagnosis.effects import Effect, internal, moved
+from dehyst.models.diagnosis.effects import Effect, internal_parameters, move_parameters
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 from dehyst.models.physics import PHYSICS, check_block, list_candidates
@@ -171,7 +171,7 @@ def test_library_tells_people_what_it_looks_for(data: Data) -> None:
             ones = np.ones(columns.shape[1])
             for block in c.blocks(theta, ones, data):
                 check_block(block, "v", "um")
-            assert c.says(c.values(theta, ones)).endswith(".")
+            assert c.describe(c.values(theta, ones)).endswith(".")
 
 
 def test_base_without_columns_is_the_base_with_columns(data: Data) -> None:
@@ -231,7 +231,7 @@ def test_misfit_is_located_where_it_was_put(data: Data) -> None:
 
 def test_since_turn_by_brute_force(data: Data) -> None:
     k = data.rec == 1
-    ours = since_turn(data)[k]
+    ours = seconds_since_turn(data)[k]
     u, t = data.u[k], data.t[k]
     smooth = slice(700, 1400)  # two sines without a rest
     turns = [i for i in range(1, 1500) if (u[i] - u[i - 1]) * (u[i + 1] - u[i]) < 0]
@@ -243,8 +243,11 @@ def test_since_turn_by_brute_force(data: Data) -> None:
 
 def test_parameters_move_inside_their_bounds(data: Data) -> None:
     c = next(c for c in list_candidates(data) if c.key == "resonance")
-    (e,) = moved([Effect(c, (80.0, 0.02, 0.9))], internal([Effect(c, (80.0, 0.02, 0.9))]),
-                 np.array([0.1, -20.0, 5.0]))  # fmt: skip
+    (e,) = move_parameters(
+        [Effect(c, (80.0, 0.02, 0.9))],
+        internal_parameters([Effect(c, (80.0, 0.02, 0.9))]),
+        np.array([0.1, -20.0, 5.0]),
+    )
     assert e.theta == (pytest.approx(80 * np.exp(0.1)), 5e-4, 1.0)
 
 

@@ -8,11 +8,11 @@ from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.cascade.history import replay
 from dehyst.models.diagnosis.base import rich_base
-from dehyst.models.diagnosis.based import on_the_model
 from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.diagnosed_model import take_given_model
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.pasts import begin_as_found, explained_heads
-from dehyst.models.diagnosis.subject import take_subject
+from dehyst.models.diagnosis.pasts import choose_pasts, explained_heads
+from dehyst.models.diagnosis.search_problem import choose_model_under_base
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 from dehyst.models.recording import Recording
 from dehyst.models.signals.pasts import FRESH, FROM_ABOVE, FROM_BELOW
@@ -47,12 +47,12 @@ def recordings(past: int) -> list[Recording]:
 
 @pytest.mark.parametrize("past", BEFORE)
 def test_the_past_of_a_recording_is_found(past: int) -> None:
-    data = begin_as_found(prepare(recordings(past)))
+    data = choose_pasts(prepare(recordings(past)))
     assert data.forgets[data.forgets > 0].tolist() == [FRESH, past]
 
 
 def test_a_head_counts_where_its_past_explains_it_and_not_behind_a_wrong_one() -> None:
-    data = begin_as_found(prepare(recordings(FROM_BELOW)))
+    data = choose_pasts(prepare(recordings(FROM_BELOW)))
     assert np.any(data.heads & (data.rec == 1))
     problem = Problem(data, rich_base(data))
     assert explained_heads(problem, problem.solve([]), NOISE) == [1]
@@ -90,8 +90,8 @@ def test_a_given_model_that_begins_elsewhere_is_no_ground_to_stand_on() -> None:
     delayed = replace(middle, blocks=(Block("delay", "drive", {"delay_s": 0.01}),))
     stands = {}
     for name, model in (("right", right), ("middle", middle), ("with a block", delayed)):
-        problem = Problem(data, rich_base(data), take_subject(model, data))
-        stands[name] = on_the_model(problem, problem.solve([])).subject.carries
+        problem = Problem(data, rich_base(data), take_given_model(model, data))
+        stands[name] = choose_model_under_base(problem, problem.solve([])).diagnosed.carries
     assert stands == {"right": True, "middle": False, "with a block": True}
 
 

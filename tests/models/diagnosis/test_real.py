@@ -6,16 +6,16 @@ import pytest
 from scipy import signal
 from tests.rigs.diagnosis import diagnose_without_limits
 
-from dehyst.models.diagnosis.augment import augmented
+from dehyst.models.diagnosis.augment import build_augmented_model
 from dehyst.models.diagnosis.base import rich_base
-from dehyst.models.diagnosis.based import earlier_drive, fed_by_steps
 from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.diagnosed_model import THRESHOLDS, DiagnosedModel, fit_plain_model
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.left_out import leave_out
-from dehyst.models.diagnosis.subject import THRESHOLDS, Subject, fit_plain
+from dehyst.models.diagnosis.held_out import make_held_out_groups
+from dehyst.models.diagnosis.search_problem import choose_earlier_drive, choose_zero_order_hold
 from dehyst.models.recording import Recording
 from dehyst.models.signals.filters import lowpass, second_order
-from dehyst.models.signals.held import longest_hold
+from dehyst.models.signals.holds import longest_hold
 from dehyst.models.signals.lines import find_lines
 from dehyst.models.signals.periodic import fundamental_hz
 
@@ -84,7 +84,7 @@ def drive_is_earlier_by(u: np.ndarray, y: np.ndarray) -> float:
     """Return by how many samples the diagnosis assumes the drive to act earlier."""
     data = prepare([Recording(np.arange(u.size) * DT, u, y + noise(u.size))])
     problem = Problem(data, rich_base(data))
-    found = earlier_drive(problem, problem.solve([]), NOISE)
+    found = choose_earlier_drive(problem, problem.solve([]), NOISE)
     return found.data.early if found is not None else 0.0
 
 
@@ -107,13 +107,16 @@ def test_a_model_that_leads_is_judged_on_the_drive_as_it_was_recorded() -> None:
     u = 5 + 3 * np.sin(2 * np.pi * 2.3 * t) + np.sin(2 * np.pi * 6.1 * t)
     y = np.interp(t + 0.5 * DT, t, u)
     data = prepare([Recording(t, u, y + noise(t.size))])
-    subject = Subject(fit_plain(data, THRESHOLDS * data.span))
-    problem = Problem(data, rich_base(data), subject)
-    moved = earlier_drive(problem, problem.solve([]), NOISE)
+    diagnosed = DiagnosedModel(fit_plain_model(data, THRESHOLDS * data.span))
+    problem = Problem(data, rich_base(data), diagnosed)
+    moved = choose_earlier_drive(problem, problem.solve([]), NOISE)
     assert moved is not None
     fit = moved.solve([])
     left = [
-        leave_out(moved, fit, drive).left_by(lambda here: augmented(moved, fit)).mean_square ** 0.5
+        make_held_out_groups(moved, fit, drive)
+        .held_out_errors(lambda here: build_augmented_model(moved, fit))
+        .mean_square
+        ** 0.5
         for drive in (data.u, moved.data.u)
     ]
     assert left[0] < 1.2 * NOISE < 2.0 * NOISE < left[1]
@@ -135,7 +138,7 @@ def test_what_is_fed_by_steps_is_distinguished_from_what_is_fed_by_straight_line
     y = signal.lsim(system, ahead - u[0], t, interp=hold == "foh")[1]
     data = prepare([Recording(t, u, y + noise(t.size))])
     problem = Problem(data, rich_base(data))
-    asked = fed_by_steps(problem, problem.solve([]), 0.01)
+    asked = choose_zero_order_hold(problem, problem.solve([]), 0.01)
     assert asked.data.stepped is (hold == "zoh")
 
 

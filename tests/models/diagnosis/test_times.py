@@ -3,14 +3,14 @@ the drive that are not ambient; recordings that are too long to be fitted whole.
 
 import numpy as np
 import pytest
-from tests.models.diagnosis.test_subject import DT, NOISE_UM, drive, plain, recordings
+from tests.models.diagnosis.test_diagnosed_model import DT, NOISE_UM, drive, plain, recordings
 from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.diagnosis import diagnose
 from dehyst.models.diagnosis.base import rich_base
 from dehyst.models.diagnosis.data.excerpt import excerpt
 from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.diagnosis.findings.episodes import find_line, tell_time
+from dehyst.models.diagnosis.findings.episodes import describe_residual_change, find_line
 from dehyst.models.recording import Recording
 from dehyst.models.signals.lines import find_lines
 
@@ -89,14 +89,16 @@ def test_a_harmonic_of_a_drive_that_swells_is_no_line_of_a_part_of_the_time() ->
 def test_the_time_of_a_slip_and_of_a_change_is_reported() -> None:
     data = prepare(recordings(plain))
     noise = NOISE_UM * np.random.default_rng(3).standard_normal(data.n)
-    text, places = tell_time(data, noise + 0.1 * ((data.t > 4.2) & (data.rec == 0)), NOISE_UM)
+    text, places = describe_residual_change(
+        data, noise + 0.1 * ((data.t > 4.2) & (data.rec == 0)), NOISE_UM
+    )
     assert "slips" in text
     assert places["from_s"] == pytest.approx(4.2, abs=0.05)
     late = noise * np.where((data.t > 5.0) & (data.rec == 1), 6.0, 1.0)
-    text, places = tell_time(data, late, NOISE_UM)
+    text, places = describe_residual_change(data, late, NOISE_UM)
     assert "from" in text
     assert places["from_s"] == pytest.approx(5.0, abs=0.1)
-    assert tell_time(data, noise, NOISE_UM) == ("", {})
+    assert describe_residual_change(data, noise, NOISE_UM) == ("", {})
 
 
 @pytest.mark.parametrize("f", [0.5, 1.0, 2.0])

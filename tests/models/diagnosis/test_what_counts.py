@@ -12,19 +12,19 @@ from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.evidence import constancy
 from dehyst.models.diagnosis.findings import reported
 from dehyst.models.diagnosis.findings.limits import limits
-from dehyst.models.diagnosis.findings.reported import only_reported, unidentified
+from dehyst.models.diagnosis.findings.reported import keep_effects_of_known_size, unidentified
 from dehyst.models.diagnosis.findings.rivals import rivals
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.judge import (
     CandidateTrial,
     SearchState,
     judge,
-    tried,
-    worth_with_company,
+    try_candidate,
+    worth_with_companion,
 )
 from dehyst.models.diagnosis.result import Value
 from dehyst.models.diagnosis.search import search
-from dehyst.models.diagnosis.shortlist import ScreenedCandidate, to_be_refitted
+from dehyst.models.diagnosis.shortlist import ScreenedCandidate, select_for_refit
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate
@@ -143,7 +143,7 @@ def test_a_mode_that_rings_long_counts_below_the_error_of_the_base(
     problem = Problem(data, compact_base(data))
     null = problem.solve([])
     state = SearchState(problem, quiet, null, null, counted=data.n)
-    trial = tried(problem, quiet, null, c, theta)
+    trial = try_candidate(problem, quiet, null, c, theta)
     assert 1e-4 < np.sqrt(trial.gain / data.n) < 2.5e-4 * np.ptp(data.y)
     said = judge(state, trial, trial.gain / data.n).refused
     assert (said == "too small against the noise") == refused, said
@@ -273,8 +273,8 @@ def test_creep_of_an_earlier_move_is_likelier_only_where_the_recorded_moves_cree
     everything = list_candidates(data)
     worth = {}
     for key in ("creep-earlier", "drift-trend"):
-        trial = tried(problem, SIGMA, state.null, candidate(data, key), (0.9, 0.9))
-        worth[key] = worth_with_company(state, trial, everything)
+        trial = try_candidate(problem, SIGMA, state.null, candidate(data, key), (0.9, 0.9))
+        worth[key] = worth_with_companion(state, trial, everything)
     assert (worth["creep-earlier"] > worth["drift-trend"]) == (gain > 0.0)
 
 
@@ -282,8 +282,8 @@ def test_an_explanation_pays_for_each_of_its_parameters() -> None:
     """The logarithm of 3000 samples in noise variances (Schwarz): two times and two amplitudes."""
     data = make()
     problem, state = problem_of(data)
-    trial = tried(problem, SIGMA, state.null, candidate(data, "drift-trend"), (0.9, 0.9))
-    paid = trial.gain - worth_with_company(state, trial, list_candidates(data))
+    trial = try_candidate(problem, SIGMA, state.null, candidate(data, "drift-trend"), (0.9, 0.9))
+    paid = trial.gain - worth_with_companion(state, trial, list_candidates(data))
     assert paid == pytest.approx(4 * 8.00637 * SIGMA**2, rel=1e-5)
 
 
@@ -331,7 +331,7 @@ def test_of_two_that_are_alike_the_one_that_the_other_makes_up_for_goes_first(
         fits = [problem.refit([*fit.effects, Effect(c, tuple(s))]) for s in starts]
         fit = min(fits, key=lambda f: f.sse)
     monkeypatch.setattr(reported, "TUNING", TUNING._replace(widest=1.08))
-    kept = only_reported(replace(state, accepted=fit)).accepted
+    kept = keep_effects_of_known_size(replace(state, accepted=fit)).accepted
     assert kept.effect_names == ("drift-trend",)
 
 
@@ -343,7 +343,9 @@ def test_what_explains_another_part_of_the_misfit_is_no_rival() -> None:
     data = replace(late, y=late.y + line)
     problem, state = problem_of(data)
     starts = {"hum": (50.0,), "delay": (1e-3,), "lag-drive": (1e-3,), "friction": (0.3, 40.0)}
-    trials = [tried(problem, SIGMA, state.null, candidate(data, k), s) for k, s in starts.items()]
+    trials = [
+        try_candidate(problem, SIGMA, state.null, candidate(data, k), s) for k, s in starts.items()
+    ]
     assert trials[1].gain > trials[0].gain
     for own, other, stands_for_it in (("hum", "delay", False), ("delay", "lag-drive", True)):
         accepted = problem.refit([Effect(candidate(data, own), starts[own])])
@@ -360,5 +362,5 @@ def test_forms_of_what_the_drive_causes_keep_no_other_cause_off_the_list() -> No
     late = ("delay", "lag-drive", "lag2-drive", "lag-sensor", "lag2-sensor", "lag-second", "slew")
     keys = ("friction", *late, "coupling-u2_v")
     ranked = [ScreenedCandidate(candidate(data, key), (), 20.0 - k) for k, key in enumerate(keys)]
-    listed = [p.candidate.key for p in to_be_refitted(ranked, 5)]
+    listed = [p.candidate.key for p in select_for_refit(ranked, 5)]
     assert listed == ["friction", *late[:5], "coupling-u2_v"]

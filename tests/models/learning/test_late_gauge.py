@@ -48,7 +48,7 @@ def test_what_a_late_gauge_hides_is_distinguished_from_readings_that_are_not_qui
         since = since[:, : late.back].copy()
         since[::20] += 3e-3  # as reported by a loop that was held up
         reported = late.take(read, steps[:, : late.back], since)
-        begun += late.anew
+        begun += late.error_redefined
     assert hidden.std() > NOISE
     assert (hidden - reported).std() < 0.35 * hidden.std()
     assert begun == 1
@@ -58,7 +58,7 @@ def test_nothing_is_reported_where_the_times_do_not_differ() -> None:
     late = LateGauge(TAU)
     for read, _, steps, since in passes(0.0, NOISE):
         assert not late.take(read, steps[:, : late.back], since[:, : late.back]).any()
-        assert not late.anew
+        assert not late.error_redefined
 
 
 def test_nothing_is_reported_of_noise() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dehyst.models.learning import trim
-from dehyst.models.learning.why import Why
+from dehyst.models.learning.freeze_reason import FreezeReason
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 
 PERIOD_S = 1e-3
@@ -19,10 +19,10 @@ class Loop:
     """A stage whose inverse is exact, displaced by `off` from the model's prediction."""
 
     def __init__(self, **given: float) -> None:
-        self.setting = trim.setting_of(PERIOD_S, REACH, NOISE, True, **given)
+        self.setting = trim.make_trim_setting(PERIOD_S, REACH, NOISE, True, **given)
         self.state = trim.begin_trim()
         self.trims: list[float] = []
-        self.reported: list[Why] = []
+        self.reported: list[FreezeReason] = []
         self.predicted = self.reading = 0.0
 
     def go(
@@ -35,7 +35,7 @@ class Loop:
             if trim.take(
                 self.setting[0], self.state[0], self.reading, self.predicted, held, running
             ):
-                self.reported.append(Why(int(self.state["lasting"][0])))
+                self.reported.append(FreezeReason(int(self.state["lasting"][0])))
             self.trims.append(float(self.state["trim"][0]))
 
     @property
@@ -82,7 +82,7 @@ def test_frozen_while_nobody_commands_and_goes_on_without_a_jump() -> None:
     before = loop.trim
     loop.go(5.0, 0.25, running=False)
     assert loop.trim == before
-    assert loop.reported[-1] is Why.NOT_RUNNING
+    assert loop.reported[-1] is FreezeReason.NOT_RUNNING
     loop.go(1.0, 0.25)
     assert np.abs(np.diff(loop.trims)).max() <= 0.2 * PERIOD_S * (1 + 1e-9)
     assert loop.trim < before
@@ -103,9 +103,9 @@ def test_a_reading_that_is_none_or_beyond_belief_freezes(bad: float) -> None:
     before = loop.trim
     loop.go(2.0, 0.0, reading=bad)
     assert loop.trim == pytest.approx(before, abs=1e-12)
-    assert loop.reported[-1] in (Why.NO_READING, Why.BEYOND)
+    assert loop.reported[-1] in (FreezeReason.NO_READING, FreezeReason.BEYOND)
     loop.go(2.0, 0.2)
-    assert loop.reported[-1] is Why.NOTHING
+    assert loop.reported[-1] is FreezeReason.NOTHING
     assert loop.trim == pytest.approx(-0.2, abs=1e-3)
 
 
@@ -114,7 +114,7 @@ def test_a_stuck_gauge_freezes_and_what_it_moved_is_taken_back() -> None:
     loop.go(5.0, 0.2)
     before, stuck = loop.trim, loop.reading
     loop.go(3.0, 0.0, target=5.5, reading=stuck)
-    assert loop.reported[-1] is Why.STUCK
+    assert loop.reported[-1] is FreezeReason.STUCK
     assert loop.trim == pytest.approx(before, abs=1e-3)
 
 
@@ -125,7 +125,7 @@ def test_what_a_stuck_gauge_moved_before_it_was_seen_is_taken_back() -> None:
     loop.go(0.3, 0.0, target=5.1, reading=stuck)
     assert abs(loop.trim - before) > 0.03
     loop.go(1.0, 0.0, target=5.5, reading=stuck)
-    assert loop.reported[-1] is Why.STUCK
+    assert loop.reported[-1] is FreezeReason.STUCK
     assert loop.trim == pytest.approx(before, abs=1e-3)
 
 
@@ -143,9 +143,9 @@ def test_a_jump_is_not_followed_until_it_is_over() -> None:
     before = loop.trim
     loop.go(5.0, 1.2)
     assert abs(loop.trim - before) < 2e-3
-    assert loop.reported[-1] is Why.JUMPED
+    assert loop.reported[-1] is FreezeReason.JUMPED
     loop.go(2.0, 0.21)
-    assert loop.reported[-1] is Why.NOTHING
+    assert loop.reported[-1] is FreezeReason.NOTHING
     assert loop.trim == pytest.approx(-0.21, abs=1e-3)
 
 
@@ -170,7 +170,7 @@ def test_a_gauge_that_drifts_and_jumps_back_is_trimmed_again() -> None:
     loop.go(1.0, 0.2)
     assert loop.trim == pytest.approx(-1.7, abs=0.01)  # not at once
     loop.go(9.0, 0.2)
-    assert loop.reported[-2:] == [Why.SETTLING, Why.NOTHING]
+    assert loop.reported[-2:] == [FreezeReason.SETTLING, FreezeReason.NOTHING]
     assert loop.trim == pytest.approx(-0.2, abs=0.01)
     assert np.abs(np.diff(loop.trims)).max() <= float(loop.setting["rate"][0]) * PERIOD_S * 1.000001
 
@@ -213,7 +213,7 @@ def test_a_gauge_that_stays_wrong_moves_nothing(wrong: float, up: bool, how: str
         target = 5.0 + (2.0 * math.sin(0.3 * k) if how == "moves" else 0.0)
         loop.go(0.5, sign * here, target=target)
     assert abs(loop.trim - before) < 5e-3
-    assert loop.reported[-1] in (Why.JUMPED, Why.BEYOND)
+    assert loop.reported[-1] in (FreezeReason.JUMPED, FreezeReason.BEYOND)
 
 
 @settings(max_examples=10)
@@ -227,7 +227,7 @@ def test_a_noisy_or_moving_reading_that_is_back_settles(noise: float, hertz: flo
     for i in range(8000):
         target = 4.0 * math.sin(2 * np.pi * hertz * i * PERIOD_S)
         loop.go(PERIOD_S, 0.25 + 0.02 * target + float(rng.normal(0.0, noise)), target=target)
-    assert loop.reported[-1] is Why.NOTHING
+    assert loop.reported[-1] is FreezeReason.NOTHING
     assert loop.trim == pytest.approx(-0.25, abs=0.1)
 
 
@@ -247,7 +247,7 @@ def test_a_misfit_that_moves_with_the_stage_is_no_jump() -> None:
     for i in range(4000):
         target = 4.0 * math.sin(2 * np.pi * 5.0 * i * PERIOD_S)
         loop.go(PERIOD_S, 0.2 * target + 0.3, target=target, noise=1e-6 * (1 + i % 2))
-    assert Why.JUMPED not in loop.reported
+    assert FreezeReason.JUMPED not in loop.reported
     assert np.mean(loop.trims[-1000:]) == pytest.approx(-0.3, abs=0.05)
 
 
@@ -258,17 +258,17 @@ def test_another_models_first_readings_are_no_jump_and_later_ones_are() -> None:
     trim.forget_trim(loop.state[0])
     loop.go(0.05, -0.8)
     loop.go(3.0, 0.1)
-    assert Why.JUMPED not in loop.reported
+    assert FreezeReason.JUMPED not in loop.reported
     assert loop.trim == pytest.approx(-0.1, abs=1e-3)
     loop.go(1.0, 0.9)
-    assert loop.reported[-1] is Why.JUMPED
+    assert loop.reported[-1] is FreezeReason.JUMPED
 
 
 def test_another_models_first_readings_far_off_are_not_believed() -> None:
     loop = Loop()
     trim.forget_trim(loop.state[0])
     loop.go(0.5, 4.0)
-    assert loop.reported[-1] is Why.BEYOND
+    assert loop.reported[-1] is FreezeReason.BEYOND
     assert loop.trim == 0.0
 
 
@@ -278,7 +278,7 @@ def test_a_glitch_among_another_models_first_readings_is_not_what_a_jump_is_meas
     loop.go(0.17, 0.1)
     loop.go(0.04, 4.0)
     loop.go(2.0, 0.1)
-    assert Why.JUMPED not in loop.reported
+    assert FreezeReason.JUMPED not in loop.reported
     assert loop.trim == pytest.approx(-0.1, abs=1e-3)
 
 
@@ -289,7 +289,7 @@ def test_distrusted_it_stands_still() -> None:
     loop.state["distrusted"] = 1
     loop.go(1.0, 0.4)
     assert loop.trim == pytest.approx(before, abs=1e-12)
-    assert loop.reported[-1] is Why.DISTRUSTED
+    assert loop.reported[-1] is FreezeReason.DISTRUSTED
 
 
 def test_switched_off_it_adds_nothing_and_still_says_the_difference() -> None:
@@ -328,7 +328,7 @@ def test_a_late_gauge_is_stable_down_to_the_least_time_constant() -> None:
     """The model lacks a delay L: exp(-s L) / (s T) is stable for L / T < pi / 2."""
     late_s = 0.05
     for time_constant_s, stable in ((trim.least_time_constant_s(late_s), True), (0.025, False)):
-        setting = trim.setting_of(PERIOD_S, REACH, NOISE, True, time_constant_s, rate=100.0)
+        setting = trim.make_trim_setting(PERIOD_S, REACH, NOISE, True, time_constant_s, rate=100.0)
         state, line = trim.begin_trim(), [0.0] * round(late_s / PERIOD_S)
         path = []
         for i in range(3000):

@@ -11,7 +11,12 @@ import pytest
 
 import dehyst.models
 from dehyst.models.cascade.simulate import simulate
-from dehyst.models.cascade.step import beside, lead_drive, pack, undo
+from dehyst.models.cascade.step import (
+    fill_parallel_contribution,
+    invert_stage_blocks,
+    lead_drive,
+    pack,
+)
 from dehyst.models.diagnosis.base import rich_base
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.effects import Effect
@@ -184,7 +189,7 @@ def test_round_trip_or_the_words_why_not(name: str, plain) -> None:
                         [lead_drive(packed.chain, *now) for now in zip(x, rates, strict=True)]
                     )
                 else:
-                    undo(packed.chain, states, states.copy(), channels, 1, DT, DT, x)
+                    invert_stage_blocks(packed.chain, states, states.copy(), channels, 1, DT, DT, x)
                 inside = slice(5, -5)
                 off = np.abs(moved(block, x[1:], target[0]) - target)[inside].max()
                 bare = np.abs(moved(block, target, target[0]) - target)[inside].max()
@@ -206,11 +211,11 @@ def test_round_trip_or_the_words_why_not(name: str, plain) -> None:
                 assert np.abs(np.diff(fast)).max() <= rate * DT * (1 + 1e-9)
             case Subtracted():
                 out = np.empty(t.size)
-                beside(packed.chain, states, states.copy(), DT, target, out)
+                fill_parallel_contribution(packed.chain, states, states.copy(), DT, target, out)
                 kind.start(p, states, float(target[0]))
                 one = [kind.step(p, states, x, 0.0, DT) for x in target]
                 assert np.array_equal(out, one)
-                assert packed.beside
+                assert packed.has_parallel_blocks
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -235,7 +240,7 @@ def test_it_is_recognised_in_its_own_simulated_data(name: str, plain) -> None:
         assert explained > (0.5 if shared else 0.8), (hidden.key, explained)
         effect = fit.effects[0]
         assert not candidate.implausible(effect.theta, fit.amplitudes[0], data)
-        assert candidate.says(candidate.values(effect.theta, fit.amplitudes[0])).endswith(".")
+        assert candidate.describe(candidate.values(effect.theta, fit.amplitudes[0])).endswith(".")
 
 
 def test_nobody_else_opens_the_file_of_a_physics() -> None:

@@ -17,4 +17,4 @@ from dehyst.models.physics.coupling import Coupling
 def test_whose_motion_it_is(channel: str, begin: str, unit: str) -> None:
     one = Coupling(channel, 0.0, "um", "v")
     assert one.limit_unit == unit
-    assert one.says({"gain_um_per_unit": (0.025, unit)}).startswith(begin)
+    assert one.describe({"gain_um_per_unit": (0.025, unit)}).startswith(begin)

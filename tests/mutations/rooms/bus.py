@@ -52,7 +52,7 @@ CHANGES = [
         Change(
             "silent-to-older-clients",
             "daemon/gateway/process.py",
-            "                    bus.answer(questions, refuse_older)\n",
+            "                    bus.answer(questions, refuse_older_clients)\n",
             "",
             "a client of an older version waits without any answer",
         ),

@@ -5,10 +5,10 @@ from tests.mutations.change import Change, room
 TUNING, JUDGE = "models/diagnosis/tuning.py", "models/diagnosis/judge.py"
 LIMITS, EVIDENCE = "models/diagnosis/findings/limits.py", "models/diagnosis/evidence.py"
 INTERVALS, SEARCH = "models/diagnosis/intervals.py", "models/diagnosis/search.py"
-WAY, LINES = "models/diagnosis/data/way.py", "models/signals/lines.py"
+DRIVE_PATH, LINES = "models/diagnosis/data/drive_path.py", "models/signals/lines.py"
 BRISTLES = "models/physics/bristles.py"
 BETWEEN, SEARCHED = "models/diagnosis/data/between.py", "models/diagnosis/searched.py"
-SHORTLIST, HANDOUT = "models/diagnosis/shortlist.py", "models/diagnosis/handout.py"
+SHORTLIST, HANDOUT = "models/diagnosis/shortlist.py", "models/diagnosis/written_model.py"
 RATE, MODE = "models/physics/rate.py", "models/physics/resonance.py"
 
 CHANGES = [
@@ -147,14 +147,14 @@ CHANGES = [
         Change(
             "limits-three-times",
             LIMITS,
-            "_guess(look, c, float(np.sqrt(least)))",
-            "_guess(look, c, 3.0 * float(np.sqrt(least)))",
+            "_guess(screen, c, float(np.sqrt(least)))",
+            "_guess(screen, c, 3.0 * float(np.sqrt(least)))",
             "the reported limits are twice what would be detected",
         ),
         Change(
             "limits-not-asked-again",
             LIMITS,
-            "if c.name in seen(c, contribution_of(look, c, here.probe)):",
+            "if c.name in seen(c, contribution_of(screen, c, here.probe)):",
             "if c.name:",
             "effects that could not be detected are reported as excluded",
         ),
@@ -168,15 +168,15 @@ CHANGES = [
         Change(
             "limit-not-projected",
             LIMITS,
-            "np.mean(look.projected(x) ** 2)",
+            "np.mean(screen.projected(x) ** 2)",
             "np.mean(x**2)",
             "limits are computed as if the base could not imitate the effect",
         ),
         Change(
             "company-forgotten",
             JUDGE,
-            "if company and company not in fit.effect_names:",
-            "if company in fit.effect_names:",
+            "if companion and companion not in fit.effect_names:",
+            "if companion in fit.effect_names:",
             "creep that began before the recording is reported as a warm-up",
         ),
         Change(
@@ -199,30 +199,30 @@ CHANGES = [
         Change(
             "harmonics-for-a-time",
             "models/diagnosis/findings/episodes.py",
-            "and not is_of_the_drive(data, residual, line.here, line.frequency)",
+            "and not is_drive_line(data, residual, line.here, line.frequency)",
             "",
             "a harmonic of the drive is reported as temporary hum",
         ),
     ),
     *room(
-        ("tests/models/diagnosis/test_way.py",),
+        ("tests/models/diagnosis/test_drive_path.py",),
         Change(
             "one-triangle-tells-all",
-            WAY,
-            "return stands_still(data) if candidate.slow or candidate.channel else True",
+            DRIVE_PATH,
+            "return has_long_rest(data) if candidate.slow or candidate.channel else True",
             "return True",
             "a single loop is reported as drift",
         ),
         Change(
             "channel-of-one-turn",
-            WAY,
+            DRIVE_PATH,
             "turns(data, data.channels[candidate.channel]) >= TUNING.few:",
             "True:",
             "a signal that follows the drive's single turn is reported as coupling",
         ),
         Change(
             "hold-tells-nothing",
-            WAY,
+            DRIVE_PATH,
             "return float(np.mean(still)) > STILL_FOR",
             "return False",
             "drift is not searched for in a recording that holds still",
@@ -322,16 +322,17 @@ CHANGES = [
         Change(
             "mirror-goes-alone",
             SEARCH,
-            "        starts += [double for theta in starts for double in c.doubles(theta)]\n",
+            "        starts += [double for theta in starts for double in "
+            "c.likelier_equivalents(theta)]\n",
             "",
             "a mode is named at its alias above half the sampling rate",
         ),
     ),
     *room(
-        ("tests/models/diagnosis/test_handout.py",),
+        ("tests/models/diagnosis/test_written_model.py",),
         Change(
             "left-out-rows-are-fitted",
-            "models/diagnosis/left_out.py",
+            "models/diagnosis/held_out.py",
             "    others = ~problem.counted(here)\n",
             "    others = np.ones(problem.row_index.size, dtype=bool)\n",
             "a model is judged on the rows it was fitted to",
@@ -345,7 +346,7 @@ CHANGES = [
         ),
         Change(
             "best-recording-is-worst",
-            "models/diagnosis/left_out.py",
+            "models/diagnosis/held_out.py",
             "np.maximum(each[1], 1.0)).max()",
             "np.maximum(each[1], 1.0)).min()",
             "a model is written that a left-out recording contradicts",
@@ -353,8 +354,8 @@ CHANGES = [
         Change(
             "class-error-is-noise",
             "models/diagnosis/verdict.py",
-            "not handed.explains(noise)",
-            "not handed.explains(max(noise, base_error(data) / TUNING.strong))",
+            "not written.explains(noise)",
+            "not written.explains(max(noise, base_error(data) / TUNING.strong))",
             "a stage counts as explained with a held-out residual of several noises",
         ),
     ),
@@ -379,7 +380,7 @@ CHANGES = [
         ("tests/models/diagnosis/test_data_first.py",),
         Change(
             "back-at-a-turn-is-a-butterfly",
-            "models/signals/ways.py",
+            "models/signals/drive_segments.py",
             "inside = INSIDE < done[np.argmax(np.abs(off_line))] < 1.0 - INSIDE",
             "inside = True",
             "a stage with friction in its guide is reported as a butterfly",
@@ -390,7 +391,7 @@ CHANGES = [
         Change(
             "any-line-is-a-mode",
             "models/diagnosis/findings/reported.py",
-            "if not problem.one_loop_alone:",
+            "if not problem.is_single_loop:",
             "if True:",
             "hum on a harmonic of the drive is reported as a resonance",
         ),
@@ -399,16 +400,16 @@ CHANGES = [
         ("tests/models/diagnosis/test_real.py",),
         Change(
             "never-a-row-off",
-            "models/diagnosis/based.py",
+            "models/diagnosis/search_problem.py",
             "    for samples in (0.5, 1.0):\n",
             "    for samples in (0.5,):\n",
             "a recorder that is off by a row is reported as unknown physics",
         ),
         Change(
             "judged-on-the-moved-drive",
-            "models/diagnosis/left_out.py",
-            "LeftOut(replace(data, u=drive),",
-            "LeftOut(data,",
+            "models/diagnosis/held_out.py",
+            "HeldOutGroups(replace(data, u=drive),",
+            "HeldOutGroups(data,",
             "a leading model is shifted twice when it is judged, and is not written",
         ),
     ),
@@ -416,7 +417,7 @@ CHANGES = [
         ("tests/models/diagnosis/test_rate.py",),
         Change(
             "narrow-loops-are-a-row-off",
-            "models/diagnosis/based.py",
+            "models/diagnosis/search_problem.py",
             "if samples == 1.0 and leaves > nothing:",
             "if False:",
             "loops that narrow with the rate are mistaken for a recorder that is off by a row",
@@ -465,7 +466,7 @@ CHANGES = [
         Change(
             "each-place-its-own-value",
             SEARCHED,
-            "    if problem.few_places:\n",
+            "    if problem.has_few_distinct_places:\n",
             "    if False:\n",
             "a base with a value per place explains a delay away",
         ),

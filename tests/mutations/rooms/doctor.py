@@ -3,7 +3,7 @@
 from tests.mutations.change import Change, room
 
 TRIAL, GAUGE = (f"models/mismatch/{name}.py" for name in ("trial", "gauge"))
-REPLAY, LED, NAMING = (f"models/change/{name}.py" for name in ("replay", "led", "naming"))
+REPLAY, LEAD, NAMING = (f"models/change/{name}.py" for name in ("replay", "lead", "naming"))
 PURE = ("tests/models/mismatch/test_trial.py", "tests/models/change")
 DESK, WORK = "daemon/gateway/doctor_desk.py", "daemon/gateway/model_trial.py"
 CHOSEN, EXAMINATION = "daemon/files/chosen.py", "daemon/doctor/examination.py"
@@ -18,7 +18,7 @@ CHANGES = [
             "a model is offered that is only better by chance",
         ),
         Change(
-            "lead-counts", LED, "np.where(_before(recording, first), np.nan, y)", "np.array(y)",
+            "lead-counts", LEAD, "np.where(_before(recording, first), np.nan, y)", "np.array(y)",
             "behaviour from before a change is attributed to the change",
         ),
         Change(
@@ -276,7 +276,7 @@ CHANGES = [
             "a model is judged by the errors of another one",
         ),
         Change(
-            "before-not-led", "daemon/gateway/model_before.py",
+            "before-not-led", "daemon/gateway/previous_model.py",
             "self._past(end - LED_SAMPLES, end)", "self._past(end - 1, end)",
             "the previous model is compared in a state that it never had",
         ),
@@ -315,8 +315,8 @@ CHANGES = [
             "a failing gauge becomes a model",
         ),
         Change(
-            "memory-unknown", EXAMINATION, "    flagged, good = lead_in(whole, lead_s),",
-            "    flagged, good = without_lead(whole, lead_s),",
+            "memory-unknown", EXAMINATION, "    flagged, good = blank_lead(whole, lead_s),",
+            "    flagged, good = drop_lead(whole, lead_s),",
             "creep is mistaken for a change of the loop's shape, so no model is offered",
         ),
     ),

@@ -25,7 +25,7 @@ CHANGES = [
         Change(
             "kernels-are-not-looked-for",
             "daemon/loop/compiled_apart.py",
-            "if plan_is_on_disk():",
+            "if is_plan_cached():",
             "if False:",
             "every start of a loop starts a process for kernels that are already on disk",
         ),

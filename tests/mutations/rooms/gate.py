@@ -48,8 +48,8 @@ CHANGES = room(
     ),
     Change(
         "clear-without-lease", GATE,
-        "        self._check_lease(now_ns, client, command.lease)\n        lease.heard",
-        "        lease.heard", "anybody can clear the holder's trajectory",
+        "        self._check_lease(now_ns, client, command.lease)\n        lease.renew",
+        "        lease.renew", "anybody can clear the holder's trajectory",
     ),
     Change(
         "loop-says-nothing", GATE,
@@ -224,7 +224,7 @@ CHANGES = room(
     ),
     Change(
         "acquire-takes-over", GATE,
-        'if command.action == "take-over" or not lease.held(now_ns):', "if True:",
+        'if command.action == "take-over" or not lease.is_held(now_ns):', "if True:",
         "a second client takes the stage without asking for it",
     ),
     Change(

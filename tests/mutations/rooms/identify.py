@@ -139,7 +139,10 @@ CHANGES += room(
         survives="few stages show it: the benchmark `outside` then counts 35 of 40",
     ),
 ) + room(
-    ("tests/models/identify/test_stated_interval.py", "tests/models/signals/test_ways.py"),
+    (
+        "tests/models/identify/test_stated_interval.py",
+        "tests/models/signals/test_drive_segments.py",
+    ),
     Change(
         "rivals-that-cannot-be-inverted",
         BAND,
@@ -184,7 +187,7 @@ CHANGES += room(
     ),
     Change(
         "first-direction-turns",
-        "models/signals/ways.py",
+        "models/signals/drive_segments.py",
         "turns += [low] if direction else []",
         "turns += [low]",
         "a single loop that begins in its middle counts as two sizes",

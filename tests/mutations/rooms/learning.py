@@ -119,7 +119,7 @@ CHANGES = [
         Change(
             "never-anew",
             TRIM,
-            "        return _judge_anew(p, s, dt)\n",
+            "        return _judge_jumped_reading(p, s, dt)\n",
             "        return JUMPED\n",
             "a gauge that drifted and jumped back leaves the stage off forever",
         ),

@@ -76,7 +76,7 @@ CHANGES = [
         Change(
             "give-up-by-anybody", GATE,
             "        self._check_lease(now_ns, client, command.lease)\n"
-            "        lease.heard(now_ns, command.sent_ns)\n        if action == \"zero\":",
+            "        lease.renew(now_ns, command.sent_ns)\n        if action == \"zero\":",
             "        if action == \"zero\":",
             "anybody who may command can end the lease of the client that moves the stage",
         ),
@@ -181,7 +181,7 @@ CHANGES = [
         ),
         Change(
             "slew-from-the-begin", SAMPLE,
-            "c.wrote_ns = written_ns - (_surely_after(c.least_ns) if c.writes > ENOUGH else 0)",
+            "c.wrote_ns = written_ns - (_least_delay_ns(c.least_ns) if c.writes > ENOUGH else 0)",
             "c.wrote_ns = written_ns - call_ns",
             "a long call before a short one allows two steps within a few milliseconds",
         ),

@@ -42,7 +42,8 @@ CHANGES = [
         ("tests/daemon/gateway/test_group_start.py",),
         Change(
             "first-axis-sets-out", START,
-            "if any(n not in start.chunks and not gates[n][0].plays(chunk) for n in chunk.axes):",
+            "if any(n not in start.chunks and not gates[n][0].is_playing(chunk) for n in "
+            "chunk.axes):",
             "if False:",
             "an axis moves to its first point although another one will not play",
         ),
@@ -108,7 +109,7 @@ CHANGES = [
             "operators cannot write set-points to the further axes",
         ),
         Change(
-            "axis-that-is-not-there", INTAKE, "(why := self._strange(door, command))",
+            "axis-that-is-not-there", INTAKE, "(why := self._why_not_together(inbox, command))",
             '(why := "")', "a group waits for an axis that does not exist",
         ),
         Change(

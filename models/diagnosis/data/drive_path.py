@@ -25,7 +25,7 @@ SAME_PLACE = 1e-3  # of the drive's range
 TURNS_OF_A_LOOP = 2.5  # largest number in a period: a loop turns twice
 
 
-def turns(data: Data, signal: Floats | None = None) -> int:
+def count_turns(data: Data, signal: Floats | None = None) -> int:
     """Return how often the drive, or a signal (N,), reverses after a move of a tenth of its range,
     in all recordings."""
     x = data.u if signal is None else signal
@@ -45,12 +45,12 @@ def turns(data: Data, signal: Floats | None = None) -> int:
     return count
 
 
-def hardly_turns(data: Data) -> bool:
+def has_few_turns(data: Data) -> bool:
     """Return whether the drive reverses too seldom to distinguish what it causes from its loop."""
-    return turns(data) < TUNING.few
+    return count_turns(data) < TUNING.few
 
 
-def one_loop_alone(data: Data) -> bool:
+def is_single_loop(data: Data) -> bool:
     """Return whether the drive only repeats one loop, at one frequency: then effects of time and of
     the path look alike, and a held-out row repeats one that was fitted."""
     periods, each = 0.0, []
@@ -61,10 +61,10 @@ def one_loop_alone(data: Data) -> bool:
         periods += each[-1] * dt * int(here.sum())
     if min(each) <= 0.0 or max(each) > (1.0 + SAME_HZ) * min(each):
         return False
-    return turns(data) < TURNS_OF_A_LOOP * periods
+    return count_turns(data) < TURNS_OF_A_LOOP * periods
 
 
-def places_seen(data: Data) -> int:
+def count_distinct_places(data: Data) -> int:
     """Return the number of distinct places of its path at which the drive is sampled: few, where it
     repeats itself within few samples."""
     step = SAME_PLACE * data.span
@@ -72,7 +72,7 @@ def places_seen(data: Data) -> int:
     return int(np.unique(np.round(near / step), axis=0).shape[0])
 
 
-def moves_against(data: Data, noise: float) -> bool:
+def is_moving_against_drive(data: Data, noise: float) -> bool:
     """Return whether the displacement moves against the drive where the drive's path rises, or
     falls, from one sample to the next: no hysteresis of any class does that, and late effects do.
     noise: rms of a reading. Steps that repeat each other are averaged."""
@@ -95,7 +95,7 @@ def moves_against(data: Data, noise: float) -> bool:
     return bool(np.any(mean < -sure))
 
 
-def stands_still(data: Data) -> bool:
+def has_long_rest(data: Data) -> bool:
     """Return whether the drive rests long enough that a change in time shows by itself."""
     still = []
     for p in np.unique(data.part):
@@ -109,6 +109,6 @@ def can_be_distinguished(candidate: Candidate, data: Data) -> bool:
     reverses."""
     if candidate.driven:
         return False
-    if candidate.channel and turns(data, data.channels[candidate.channel]) >= TUNING.few:
+    if candidate.channel and count_turns(data, data.channels[candidate.channel]) >= TUNING.few:
         return True
-    return stands_still(data) if candidate.slow or candidate.channel else True
+    return has_long_rest(data) if candidate.slow or candidate.channel else True

@@ -39,7 +39,7 @@ BY_HEART = 5.0  # held-out rms over fit rms: above, the model predicts no other 
 
 
 @dataclass(frozen=True)
-class Subject:
+class DiagnosedModel:
     """model: the model in use; given: by the user, not identified here; carries: the fits add to
     it; refused: why identification rejected the recordings."""
 
@@ -62,7 +62,7 @@ class Subject:
     def linear_blocks(self) -> tuple[Block, ...]:
         """Blocks after the hysteresis that are linear except for a constant term."""
         model = self.model
-        behind = [b for b in self.further_blocks if not KINDS[b.kind].beside]
+        behind = [b for b in self.further_blocks if not KINDS[b.kind].is_parallel]
         return tuple(b for b in behind if _is_affine(b, model))
 
     def drive(self, data: Data, v: Floats) -> Floats:
@@ -77,7 +77,7 @@ class Subject:
             return np.zeros(data.n)
         return self._run(data, v, replace(self.model, blocks=self.further_blocks), "reading")
 
-    def passed(self, data: Data, x: Floats) -> Floats:
+    def apply_linear_blocks(self, data: Data, x: Floats) -> Floats:
         """Return columns (N, k) that are added to the displacement, filtered by the linear
         blocks."""
         if not self.carries or not self.linear_blocks:
@@ -94,7 +94,7 @@ class Subject:
                     x[k, j] = kind.run(values, x[k, j], t, channel) - zero
         return x
 
-    def whole(self, data: Data) -> Floats:
+    def predict(self, data: Data) -> Floats:
         """Return the (N,) prediction of the model, each recording with the history that fits it
         best, as `dehyst simulate` writes it."""
         out = np.empty(data.n)
@@ -115,12 +115,12 @@ class Subject:
         return out
 
 
-NO_MODEL = Subject(
+NO_MODEL = DiagnosedModel(
     Model(Hysteresis(r=np.zeros(1), b=np.ones(1), c=np.array([0.0, 1.0])), Validity(0.0, 1.0))
 )
 
 
-def take_subject(model: Model, data: Data) -> Subject:
+def take_given_model(model: Model, data: Data) -> DiagnosedModel:
     """Return the user's model as the model in use. Raises BadInput where it cannot be run on these
     recordings."""
     for what, ours, theirs in (
@@ -138,10 +138,10 @@ def take_subject(model: Model, data: Data) -> Subject:
                 f"{data.names[0]}: the model reads the channel {name}, which is absent or does not "
                 "move here"
             )
-    return Subject(model, given=True, carries=True)
+    return DiagnosedModel(model, given=True, carries=True)
 
 
-def identify_plain(recordings: Sequence[Recording], data: Data) -> Subject:
+def identify_plain_model(recordings: Sequence[Recording], data: Data) -> DiagnosedModel:
     """Identify the plain model of these recordings. Where identification finds linear dynamics in
     addition to the hysteresis, refuses, or predicts only the rows that it was fitted to, fit the
     hysteresis here without dynamics."""
@@ -153,13 +153,13 @@ def identify_plain(recordings: Sequence[Recording], data: Data) -> Subject:
     else:
         predicts = model.fit.holdout_rms <= BY_HEART * model.fit.rms
         if predicts and not model.blocks:
-            return Subject(model)
+            return DiagnosedModel(model)
         if predicts:
             r = model.hysteresis.r
-    return Subject(fit_plain(data, r), refused=refused)
+    return DiagnosedModel(fit_plain_model(data, r), refused=refused)
 
 
-def fit_plain(data: Data, r: Floats) -> Model:
+def fit_plain_model(data: Data, r: Floats) -> Model:
     """Fit plays with thresholds r (n,) followed by a polynomial, by Gauss-Newton. The result can be
     inverted: partial sums of the weights are >= 0 (Kuhnen 2003), and the polynomial is monotone."""
     used = np.flatnonzero(data.rows)
@@ -174,7 +174,7 @@ def fit_plain(data: Data, r: Floats) -> Model:
     slope = max(abs(float(du @ (y - y.mean()))) / float(du @ du), 1e-12)
     size = slope * data.span  # the polynomial is in z / size, so its terms are of similar size
     for powers in POWERS:
-        fit = _bent_fit(h, sign * y, groups, powers, size)
+        fit = _fit_polynomial(h, sign * y, groups, powers, size)
         if fit.least_slope > LEAST_SLOPE:
             break
     coefficients = np.zeros(max((1, *powers)) + 1)
@@ -189,7 +189,7 @@ def fit_plain(data: Data, r: Floats) -> Model:
 
 
 @dataclass(frozen=True)
-class _BentFit:
+class _PolynomialFit:
     """Partial sums (n,), coefficients of the powers, mean offset, sum of squares, smallest slope of
     the polynomial."""
 
@@ -200,21 +200,21 @@ class _BentFit:
     least_slope: float
 
 
-def _bent_fit(
+def _fit_polynomial(
     h: Floats, y: Floats, groups: Floats, powers: tuple[int, ...], size: float
-) -> _BentFit:
+) -> _PolynomialFit:
     """Fit P(h @ sums) + an offset for each group, P(z) = z + sum_p c_p (z / size)^p, by
     Gauss-Newton from the straight fit; each step is halved until it helps."""
     count = np.maximum(groups.sum(axis=0), 1.0)
 
-    def judge(sums: Floats, c: Floats) -> _BentFit:
+    def judge(sums: Floats, c: Floats) -> _PolynomialFit:
         z = h @ sums / size
         left = y - h @ sums - sum(cp * z**p for p, cp in zip(powers, c.tolist(), strict=True))
         offsets = groups.T @ left / count
         left = left - groups @ offsets
         turn = 1.0 + sum(p * cp * z ** (p - 1) for p, cp in zip(powers, c, strict=True)) / size
         least = float(np.min(turn)) if powers else 1.0
-        return _BentFit(sums, c, float(offsets.mean()), float(left @ left), least)
+        return _PolynomialFit(sums, c, float(offsets.mean()), float(left @ left), least)
 
     n, m = h.shape[1], len(powers)
     sums, _ = _solve_bounded(np.hstack([h, groups, -groups]), y, n, 0)

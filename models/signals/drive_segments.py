@@ -22,7 +22,9 @@ FEWEST = 8
 """Least number of points of a segment that counts."""
 
 
-def turns_within_ways(u: Floats, y: Floats, u_range: float, y_range: float) -> tuple[int, int]:
+def count_reversing_segments(
+    u: Floats, y: Floats, u_range: float, y_range: float
+) -> tuple[int, int]:
     """Return (number of long segments of the drive, number of those in which the reading reverses
     and returns) for one recording (N,) without gaps."""
     each = max(1, u.size // POINTS)
@@ -58,7 +60,7 @@ MOST_POINTS = 20_000
 """Largest number of points of a recording in which turns are searched."""
 
 
-class Ways(NamedTuple):
+class DriveSegments(NamedTuple):
     """The segments of one drive from turn to turn: (W,) durations [s], sizes, and fractions of the
     duration in which the fastest half of the segment is travelled."""
 
@@ -67,7 +69,7 @@ class Ways(NamedTuple):
     fastest: Floats
 
 
-def ways_of(t: Floats, u: Floats, u_range: float) -> Ways:
+def find_drive_segments(t: Floats, u: Floats, u_range: float) -> DriveSegments:
     """Return the segments of a drive u (N,) at times t (N,), without those before the first turn
     and after the last; reversals of less than SMALL_WAY are ignored."""
     each = max(1, u.size // MOST_POINTS)
@@ -75,7 +77,7 @@ def ways_of(t: Floats, u: Floats, u_range: float) -> Ways:
     turns = _find_turns(u, SMALL_WAY * u_range)
     fastest = [_fastest_half(t[a : b + 1], u[a : b + 1]) for a, b in pairwise(turns)]
     at = np.array(turns, int)
-    return Ways(np.diff(t[at]), np.abs(np.diff(u[at])), np.array(fastest))
+    return DriveSegments(np.diff(t[at]), np.abs(np.diff(u[at])), np.array(fastest))
 
 
 def _find_turns(u: Floats, least: float) -> list[int]:
@@ -107,7 +109,7 @@ def _fastest_half(t: Floats, u: Floats) -> float:
     return float(taken[np.searchsorted(done, 0.5 * done[-1])] / max(taken[-1], 1e-300))
 
 
-def repeats_one_loop(recordings: Sequence[Ways]) -> bool:
+def repeats_one_loop(recordings: Sequence[DriveSegments]) -> bool:
     """Return whether the segments of all recordings are alike in duration and size, and no
     recording has edges: one loop at one rate cannot show what depends on the rate."""
     known = [ways for ways in recordings if ways.durations.size >= 2]

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from dehyst.models.recording import Floats
-from dehyst.models.signals.ways import repeats_one_loop, ways_of
+from dehyst.models.signals.drive_segments import find_drive_segments, repeats_one_loop
 
 T = np.arange(4000) / 500.0
 
 
 def repeats(*drives: Floats) -> bool:
-    return repeats_one_loop([ways_of(T, u, 100.0) for u in drives])
+    return repeats_one_loop([find_drive_segments(T, u, 100.0) for u in drives])
 
 
 def sine(hz: float, size: float = 50.0, start: float = 0.0) -> Floats:

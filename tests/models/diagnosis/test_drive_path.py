@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.diagnosis.data.way import (
+from dehyst.models.diagnosis.data.drive_path import (
     can_be_distinguished,
-    hardly_turns,
-    one_loop_alone,
-    stands_still,
-    turns,
+    count_turns,
+    has_few_turns,
+    has_long_rest,
+    is_single_loop,
 )
+from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Data, Floats
@@ -29,8 +29,8 @@ def recorded(drive: Floats, **channels: Floats) -> Data:
 @pytest.mark.parametrize(("drive", "expected"), [(TRIANGLE, 1), (STEP, 0), (SINES, 7)])
 def test_turns_are_counted(drive: Floats, expected: int) -> None:
     data = recorded(drive)
-    assert turns(data) == expected
-    assert hardly_turns(data) == (expected < 3)
+    assert count_turns(data) == expected
+    assert has_few_turns(data) == (expected < 3)
 
 
 def reported(data: Data) -> set[str]:
@@ -42,7 +42,7 @@ def test_one_triangle_tells_lines_and_what_moves_by_itself_alone() -> None:
     force = np.exp(-(((T - 20.0) / 2.0) ** 2))
     other = np.sin(2 * np.pi * 0.7 * T)
     data = recorded(TRIANGLE, force_nn=force, u2_v=other)
-    assert not stands_still(data)
+    assert not has_long_rest(data)
     keys = reported(data)
     assert {"hum", "coupling-u2_v"} <= keys
     assert not {"drift-trend", "creep-earlier", "coupling-force_nn", "creep", "lag-drive"} & keys
@@ -50,19 +50,19 @@ def test_one_triangle_tells_lines_and_what_moves_by_itself_alone() -> None:
 
 def test_a_step_and_a_hold_tell_a_slow_change_too() -> None:
     data = recorded(STEP, temp_c=20.0 + 0.1 * T)
-    assert stands_still(data)
+    assert has_long_rest(data)
     assert {"drift-trend", "creep-earlier", "drift-temp_c"} <= reported(data)
 
 
 def test_one_loop_again_and_again_is_distinguished_from_inner_loops_and_from_two_frequencies() -> (
     None
 ):
-    assert one_loop_alone(recorded(SINES))
+    assert is_single_loop(recorded(SINES))
     fifth = 2.0 * np.sin(2 * np.pi * 0.5 * T)  # inner loops, in the same period
-    assert not one_loop_alone(recorded(0.6 * SINES + fifth))
-    assert not one_loop_alone(recorded(STEP))
-    assert not one_loop_alone(recorded(SINES * np.linspace(0.3, 1.0, T.size)))
+    assert not is_single_loop(recorded(0.6 * SINES + fifth))
+    assert not is_single_loop(recorded(STEP))
+    assert not is_single_loop(recorded(SINES * np.linspace(0.3, 1.0, T.size)))
     other = 5.0 - 5.0 * np.cos(2 * np.pi * 0.2 * T)
     pair = [Recording(T, u, u.copy(), name=f"{k}.csv") for k, u in enumerate((SINES, other))]
-    assert not one_loop_alone(prepare(pair))
-    assert one_loop_alone(prepare([pair[0], pair[0]]))
+    assert not is_single_loop(prepare(pair))
+    assert is_single_loop(prepare([pair[0], pair[0]]))

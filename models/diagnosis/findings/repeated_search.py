@@ -8,38 +8,41 @@ about the one that was found (`Problem.about`).
 
 from collections.abc import Collection, Sequence
 
-from dehyst.models.diagnosis.findings.reported import only_reported, worth_reporting
+from dehyst.models.diagnosis.findings.reported import (
+    keep_effects_of_known_size,
+    keep_helpful_effects,
+)
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.search import accept_best, refit_each
 from dehyst.models.diagnosis.shortlist import (
     ScreenedCandidate,
-    in_order_of_promise,
-    may_be_tried,
-    not_weak,
-    still_open,
+    drop_weak,
+    list_eligible,
+    list_remaining,
+    rank_by_estimated_gain,
 )
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Candidate
 from dehyst.models.signals.joined import Floats
 
 
-class AskedAgain:
+class RepeatedSearch:
     """The recordings of a search, to be searched again with effects added."""
 
     def __init__(self, found: SearchState) -> None:
-        light = found.problem.light(TUNING.limit_rows).one_by_one()
+        light = found.problem.with_fewer_rows(TUNING.limit_rows).with_sequential_fits()
         known = light.solve(found.accepted.effects, found.problem.output_of(found.accepted))
-        self._plain, self._problem = light, light.about(known)
+        self._plain, self._problem = light, light.linearised_about(known)
         self._found, self._known = found, self._problem.solve(known.effects, light.output_of(known))
         self._output = light.output_of(self._known)
-        self._everything = may_be_tried(light.data, found.share, ())
-        look = Screen(self._problem, self._known)
-        self._look = look.leaving(look.residual)
+        self._everything = list_eligible(light.data, found.share, ())
+        screen = Screen(self._problem, self._known)
+        self._screen = screen.with_residual(screen.residual)
         # starts that a candidate derives from a residual: here from the one that was found
         self._starts = [
-            (c, [tuple(s) for s in c.starts(light.data, look.residual)])
-            for c in still_open(light, self._known, self._everything)
+            (c, [tuple(s) for s in c.starts(light.data, screen.residual)])
+            for c in list_remaining(light, self._known, self._everything)
         ]
 
     def names(self, put_in: Candidate, added: Floats) -> set[str]:
@@ -57,28 +60,30 @@ class AskedAgain:
         state = SearchState(
             there, self._found.sigma, null, known, counted=counted, share=self._found.share
         )
-        look = self._look.leaving(known.residual(there.data))
-        ranked = self._rank(state, look, {put_in.name})
+        screen = self._screen.with_residual(known.residual(there.data))
+        ranked = self._rank(state, screen, {put_in.name})
         own = [p for p in ranked[: TUNING.shortlist] if p.candidate.name == put_in.name][:1]
         trials = refit_each(state, own, lambda text, share: None, 0)
         if not trials or self._has_rivals(state, trials[0], ranked):
-            ranked = self._rank(state, look, {put_in.name, *put_in.confused_with})
+            ranked = self._rank(state, screen, {put_in.name, *put_in.confused_with})
             others = [p for p in ranked if p.candidate.key not in {o.candidate.key for o in own}]
-            near = not_weak(others, ranked)[: TUNING.few - len(own)]
+            near = drop_weak(others, ranked)[: TUNING.few - len(own)]
             more = refit_each(state, near, lambda text, share: None, 0)
             trials = sorted([*trials, *more], key=lambda t: -t.worth)
-        reported = only_reported(worth_reporting(accept_best(state, trials, ()))).accepted
+        reported = keep_effects_of_known_size(
+            keep_helpful_effects(accept_best(state, trials, ()))
+        ).accepted
         return {e.candidate.name for e in reported.effects}
 
     def _rank(
-        self, state: SearchState, look: Screen, anew: Collection[str]
+        self, state: SearchState, screen: Screen, fresh: Collection[str]
     ) -> list[ScreenedCandidate]:
         """Return the candidates ranked by estimated gain; anew: names whose starts come from this
         residual."""
-        return in_order_of_promise(
+        return rank_by_estimated_gain(
             state,
             [
-                (c, look.starts(c) if c.name in anew else look.rank(c, starts))
+                (c, screen.starts(c) if c.name in fresh else screen.rank(c, starts))
                 for c, starts in self._starts
             ],
         )

@@ -13,12 +13,17 @@ from itertools import chain
 import numpy as np
 
 from dehyst.models.cascade.simulate import simulate
-from dehyst.models.diagnosis.augment import REACH_S, slow_ways, stays_in_reach
-from dehyst.models.diagnosis.base import Leaning, rich_base
+from dehyst.models.diagnosis.augment import REACH_S, is_within_reach, slow_sweeps
+from dehyst.models.diagnosis.base import ModelPrior, rich_base
 from dehyst.models.diagnosis.findings.weigh import Conclusion
 from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.held_out import (
+    HeldOutErrors,
+    Refitted,
+    WritableFit,
+    make_held_out_groups,
+)
 from dehyst.models.diagnosis.joint_fit import JointFit
-from dehyst.models.diagnosis.left_out import HeldOutErrors, Refitted, WritableFit, leave_out
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.errors import BadModel
 from dehyst.models.model import Model
@@ -27,7 +32,7 @@ from dehyst.models.signals.pasts import FRESH
 
 
 @dataclass(frozen=True)
-class Handed:
+class WrittenModel:
     """The model that is written; contains, contains_shape: keys of the effects in it, and whether
     the base's shape is.
 
@@ -48,7 +53,9 @@ class Handed:
         return self.gained and self.held.known <= (TUNING.near * noise) ** 2
 
 
-def hand_out(data: Data, bare: Problem, weighed: Conclusion, sigma: float) -> Handed:
+def choose_written_model(
+    data: Data, bare: Problem, weighed: Conclusion, sigma: float
+) -> WrittenModel:
     """Return the plainest model that predicts what it was not fitted to as well as the best does,
     with the worst recording no worse than with the model in use; the model in use where none
     predicts better or all would diverge. data: all samples."""
@@ -58,20 +65,20 @@ def hand_out(data: Data, bare: Problem, weighed: Conclusion, sigma: float) -> Ha
         final = problem.refit(final.effects)
     if problem.data.stepped:
         problem, final = as_blocks(problem, final)
-        bare = bare.with_steps(False, led=problem.data.led)
+        bare = bare.with_zero_order_hold(False, led=problem.data.led)
     bare = replace(bare, data=replace(bare.data, between=None))
-    left_out = leave_out(problem, final, bare.data.u)
-    in_use = left_out.left_by(lambda here: bare.subject.model)
-    best, chosen = Handed(bare.subject.model, in_use, in_use), None
+    held_out = make_held_out_groups(problem, final, bare.data.u)
+    in_use = held_out.held_out_errors(lambda here: bare.diagnosed.model)
+    best, chosen = WrittenModel(bare.diagnosed.model, in_use, in_use), None
     noise = (TUNING.trace * sigma) ** 2
     if not final.effects and not problem.base.width:
         return best
 
-    def better(choice: WritableFit) -> Handed | None:
+    def better(choice: WritableFit) -> WrittenModel | None:
         try:
-            held = left_out.left_by(choice.write_without)
+            held = held_out.held_out_errors(choice.write_without)
             model = choice.write()
-            if not stays_in_reach(model, data):
+            if not is_within_reach(model, data):
                 return None
         except BadModel:  # a parameter value that the model format does not allow
             return None
@@ -79,15 +86,15 @@ def hand_out(data: Data, bare: Problem, weighed: Conclusion, sigma: float) -> Ha
             return None
         if held.worst > in_use.worst + TUNING.strong * sigma:
             return None
-        return Handed(model, held, in_use, choice.contains, choice.shape, gained=True)
+        return WrittenModel(model, held, in_use, choice.contains, choice.shape, gained=True)
 
     for choice in _choices(problem, bare, final):
-        if handed := better(choice):
-            best, chosen = handed, choice
+        if written := better(choice):
+            best, chosen = written, choice
     while chosen is not None and chosen.problem is not bare:
         for fewer in [chosen.without(effect) for effect in chosen.fit.effects]:
-            if handed := better(fewer):
-                best, chosen = handed, fewer
+            if written := better(fewer):
+                best, chosen = written, fewer
                 break
         else:
             break
@@ -103,14 +110,14 @@ def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[Writa
     subsets = [effects, *([e for e in effects if e is not one] for one in effects)]
     for some in subsets[: 1 if len(effects) < 2 else None]:
         yield WritableFit(bare, bare.refit(some) if some else bare.solve([]), False)
-    if not problem.base.width or _knows_each_alone(problem) or problem.one_loop_alone:
+    if not problem.base.width or _is_fitted_pointwise(problem) or problem.is_single_loop:
         return  # one loop does not show another's shape, whichever of its rows are left out
     output = problem.output_of(final)
-    if effects and not problem.subject.given:
+    if effects and not problem.diagnosed.given:
         yield Refitted(problem, final, False)
-    lightly = lean_on_the_model(problem, TUNING.leanings[0])
+    lightly = add_model_prior(problem, TUNING.leanings[0])
     stiffly = (replace(lightly, stiffness=stiffness) for stiffness in TUNING.stiffnesses)
-    heavily = (lean_on_the_model(problem, weight) for weight in TUNING.leanings[1:])
+    heavily = (add_model_prior(problem, weight) for weight in TUNING.leanings[1:])
     for held_to in chain(stiffly, heavily):
         yield WritableFit(held_to, held_to.solve(effects, output), True)
 
@@ -119,29 +126,29 @@ def as_blocks(problem: Problem, fit: JointFit) -> tuple[Problem, JointFit]:
     """Convert a fit with steps into one that blocks can represent, which are fed by straight lines:
     with a lead of half a sample where that leaves less. The lead shifts all that passes the mode,
     also what the mode does not change, and is not used where that dominates."""
-    fed = [problem.with_steps(False, led) for led in (False, True)]
+    fed = [problem.with_zero_order_hold(False, led) for led in (False, True)]
     both = [(one, one.refit(fit.effects)) for one in fed]
     return min(both, key=lambda pair: pair[1].sse)
 
 
-def lean_on_the_model(problem: Problem, weight: float) -> Problem:
+def add_model_prior(problem: Problem, weight: float) -> Problem:
     """Return the problem with added rows of a slow drive from rest over the whole range, on which
     the base is pulled towards the model in use. weight: total weight of these rows, relative to the
     recorded ones."""
     data, base = problem.data, problem.base
-    u = slow_ways(data)
+    u = slow_sweeps(data)
     starts = np.zeros(u.size, dtype=np.int64)
     starts[0] = FRESH
     columns = base.columns(u, starts)
     target = np.zeros(u.size)
-    if not problem.subject.carries:
-        target = simulate(replace(problem.subject.model, blocks=()), REACH_S, u)
+    if not problem.diagnosed.carries:
+        target = simulate(replace(problem.diagnosed.model, blocks=()), REACH_S, u)
     size = np.sqrt(weight * int(data.rows.sum()) / u.size)
     columns, target = columns - columns.mean(axis=0), target - target.mean()
-    return replace(problem, leaning=Leaning(size * columns, size * target))
+    return replace(problem, model_prior=ModelPrior(size * columns, size * target))
 
 
-def _knows_each_alone(problem: Problem) -> bool:
+def _is_fitted_pointwise(problem: Problem) -> bool:
     """Return whether the base has fitted individual places of the path, and nothing between
     them."""
-    return problem.few_places and problem.base.width == rich_base(problem.data).width
+    return problem.has_few_distinct_places and problem.base.width == rich_base(problem.data).width

@@ -3,7 +3,7 @@
 from enum import IntEnum
 
 
-class Why(IntEnum):
+class FreezeReason(IntEnum):
     """Why the trim is frozen; NOTHING: it is not."""
 
     NOTHING = 0

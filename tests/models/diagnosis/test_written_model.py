@@ -13,15 +13,15 @@ from tests.rigs.plants.hysteresis import preisach
 from dehyst.daemon.api.prediction import predict
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis, diagnose
-from dehyst.models.diagnosis.augment import REACH_S, augmented, slow_ways
+from dehyst.models.diagnosis.augment import REACH_S, build_augmented_model, slow_sweeps
 from dehyst.models.diagnosis.base import no_base, rich_base
 from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.diagnosed_model import THRESHOLDS, DiagnosedModel, fit_plain_model
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.findings.weigh import Conclusion
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.handout import as_blocks, hand_out, lean_on_the_model
-from dehyst.models.diagnosis.left_out import WritableFit, leave_out
-from dehyst.models.diagnosis.subject import THRESHOLDS, Subject, fit_plain
+from dehyst.models.diagnosis.held_out import WritableFit, make_held_out_groups
+from dehyst.models.diagnosis.written_model import add_model_prior, as_blocks, choose_written_model
 from dehyst.models.modelfile import dumps, loads
 from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
@@ -76,16 +76,16 @@ def test_on_the_way_up_that_nobody_has_seen_it_stays_near_the_model_in_use(
 def test_rows_that_were_not_recorded_cost_the_recorded_ones_next_to_nothing() -> None:
     """The recordings show only the loops, not the move to their level."""
     data = prepare([scan(1), scan(2)])
-    subject = Subject(fit_plain(data, THRESHOLDS * data.span))
-    free = Problem(data, rich_base(data), subject)
-    held = lean_on_the_model(free, 0.01)
-    u = slow_ways(data)
-    in_use = simulate(subject.model, REACH_S, u)
+    diagnosed = DiagnosedModel(fit_plain_model(data, THRESHOLDS * data.span))
+    free = Problem(data, rich_base(data), diagnosed)
+    held = add_model_prior(free, 0.01)
+    u = slow_sweeps(data)
+    in_use = simulate(diagnosed.model, REACH_S, u)
     left, off = [], []
     for problem in (free, held):
         fit = problem.solve([])
         left.append(float(np.std(fit.residual(data)[data.rows])))
-        there = simulate(augmented(problem, fit), REACH_S, u) - in_use
+        there = simulate(build_augmented_model(problem, fit), REACH_S, u) - in_use
         off.append(float(np.ptp(there)) / float(np.ptp(data.y)))
     assert left[1] < 1.03 * left[0]
     assert off[1] < 0.3
@@ -103,30 +103,30 @@ def test_a_model_that_predicts_no_other_recording_is_not_written(changes: bool) 
         gain = 1.0 + changes * 0.06 * (-1) ** seed * late
         given.append(replace(one, displacement=one.displacement * gain))  # type: ignore[operator]
     data = prepare(given)
-    subject = Subject(fit_plain(data, THRESHOLDS * data.span))
-    problem = Problem(data, rich_base(data), subject)
-    bare = Problem(data, no_base(data), replace(subject, carries=True))
+    diagnosed = DiagnosedModel(fit_plain_model(data, THRESHOLDS * data.span))
+    problem = Problem(data, rich_base(data), diagnosed)
+    bare = Problem(data, no_base(data), replace(diagnosed, carries=True))
     fit = problem.solve([])
     weighed = Conclusion((), problem, fit, 0.0, 0.0)
-    handed = hand_out(data, bare, weighed, NOISE)
-    assert handed.gained is not changes
-    assert (handed.model is subject.model) is changes
-    assert handed.held.mean_square <= handed.held_in_use.mean_square
+    written = choose_written_model(data, bare, weighed, NOISE)
+    assert written.gained is not changes
+    assert (written.model is diagnosed.model) is changes
+    assert written.held.mean_square <= written.held_in_use.mean_square
 
 
 def test_a_model_is_written_from_the_other_rows_alone() -> None:
     """Its weights are those of a fit without the rows that are left out."""
     data = prepare([scan(1), scan(2), scan(3)])
-    subject = Subject(fit_plain(data, THRESHOLDS * data.span))
-    problem = Problem(data, rich_base(data), subject)
+    diagnosed = DiagnosedModel(fit_plain_model(data, THRESHOLDS * data.span))
+    problem = Problem(data, rich_base(data), diagnosed)
     here = data.rec == 1
     fit = problem.solve([])
-    without = Problem(replace(data, rows=data.rows & ~here), rich_base(data), subject)
+    without = Problem(replace(data, rows=data.rows & ~here), rich_base(data), diagnosed)
     u = np.linspace(LEVEL - SWING, LEVEL + SWING, 200)
     ours = simulate(WritableFit(problem, fit, True).write_without(here), DT, u)
-    theirs = simulate(augmented(without, without.solve([])), DT, u)
+    theirs = simulate(build_augmented_model(without, without.solve([])), DT, u)
     assert np.std(ours - theirs) < 1e-3 * NOISE
-    assert np.std(ours - simulate(augmented(problem, fit), DT, u)) > 0.03 * NOISE
+    assert np.std(ours - simulate(build_augmented_model(problem, fit), DT, u)) > 0.03 * NOISE
 
 
 def test_the_worst_recording_left_out_is_known() -> None:
@@ -134,10 +134,12 @@ def test_the_worst_recording_left_out_is_known() -> None:
     given = [scan(1), scan(2), scan(3)]
     given[1] = replace(given[1], displacement=1.05 * given[1].displacement)  # type: ignore[operator]
     data = prepare(given)
-    subject = Subject(fit_plain(data, THRESHOLDS * data.span))
-    problem = Problem(data, rich_base(data), subject)
-    left = leave_out(problem, problem.solve([]), data.u).left_by(lambda here: subject.model)
-    error = data.y - subject.whole(data)
+    diagnosed = DiagnosedModel(fit_plain_model(data, THRESHOLDS * data.span))
+    problem = Problem(data, rich_base(data), diagnosed)
+    left = make_held_out_groups(problem, problem.solve([]), data.u).held_out_errors(
+        lambda here: diagnosed.model
+    )
+    error = data.y - diagnosed.predict(data)
     each = [float(np.std(error[(data.rec == i) & data.rows])) for i in range(3)]
     assert each[1] == max(each) > 1.2 * min(each)
     assert left.worst == pytest.approx(each[1], rel=1e-6)
@@ -170,18 +172,18 @@ def test_a_mode_behind_held_commands_is_handed_out_with_a_lead_where_that_is_bet
     y = (1.0 - share) * (u - u[0]) + share * held + 1e-3 * rng.standard_normal(t.size)
     data = prepare([Recording(t, u, y)])
     (mode,) = (c for c in list_candidates(data) if c.key == "resonance")
-    problem = Problem(data, rich_base(data)).with_steps()
+    problem = Problem(data, rich_base(data)).with_zero_order_hold()
     fitted = problem.refit([Effect(mode, (60.0, 0.03, share))])
     blocks, fit = as_blocks(problem, fitted)
-    left = data.y - simulate(augmented(blocks, fit), 1e-3, u)
+    left = data.y - simulate(build_augmented_model(blocks, fit), 1e-3, u)
     own, straight = (
         float(np.std(f.residual(data)[data.rows]))
-        for f in (fitted, problem.with_steps(False).refit(fitted.effects))
+        for f in (fitted, problem.with_zero_order_hold(False).refit(fitted.effects))
     )
-    handed = float(np.std(left[data.rows]))
+    written = float(np.std(left[data.rows]))
     assert own < 1.1e-3
     assert blocks.data.led is leads
-    assert handed < most * straight
+    assert written < most * straight
 
 
 def test_hum_in_a_servo_is_named_and_its_phase_is_not_written() -> None:

@@ -13,15 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dehyst.models.diagnosis.augment import augmented
+from dehyst.models.diagnosis.augment import build_augmented_model
 from dehyst.models.diagnosis.base import no_base
+from dehyst.models.diagnosis.diagnosed_model import DiagnosedModel, fit_plain_model
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit, solve_ridged
-from dehyst.models.diagnosis.subject import Subject, fit_plain
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
-from dehyst.models.signals.joined import Bools, Data, Floats, alone
+from dehyst.models.signals.joined import Bools, Data, Floats, select_recording
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,11 @@ class WritableFit:
 
     def write(self) -> Model:
         """Return the model fitted to all rows."""
-        return augmented(self.problem, self.fit)
+        return build_augmented_model(self.problem, self.fit)
 
     def write_without(self, here: Bools) -> Model:
         """Return the model with the linear weights fitted to the rows outside `here` (N,)."""
-        return augmented(self.problem, _fit_without(self.problem, self.fit, here))
+        return build_augmented_model(self.problem, _fit_without(self.problem, self.fit, here))
 
 
 @dataclass(frozen=True)
@@ -73,10 +73,12 @@ class Refitted(WritableFit):
         v = problem.drive_at_hysteresis(fit.effects)
         y = problem.base.combine(v, data.forgets, fit.weights)
         rows = data.rows & ~here
-        plain = fit_plain(replace(data, u=v, y=y, rows=rows), problem.subject.model.hysteresis.r)
-        subject = Subject(plain, carries=True)
-        over = Problem(replace(data, rows=rows), no_base(data), subject)
-        return augmented(over, over.solve(fit.effects))
+        plain = fit_plain_model(
+            replace(data, u=v, y=y, rows=rows), problem.diagnosed.model.hysteresis.r
+        )
+        diagnosed = DiagnosedModel(plain, carries=True)
+        over = Problem(replace(data, rows=rows), no_base(data), diagnosed)
+        return build_augmented_model(over, over.solve(fit.effects))
 
 
 class HeldOutErrors(NamedTuple):
@@ -90,14 +92,14 @@ class HeldOutErrors(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class HeldOutGroups:
     """Groups of rows that are left out together, and what belongs to each recording alone."""
 
     data: Data
     groups: tuple[Bools, ...]  # (N,) each
     own: tuple[Floats, ...]  # columns on the counted rows of each group
 
-    def left_by(self, write: Callable[[Bools], Model]) -> HeldOutErrors:
+    def held_out_errors(self, write: Callable[[Bools], Model]) -> HeldOutErrors:
         """Return the errors of the models, each written without its group, offsets removed."""
         sums, each = np.zeros(2), np.zeros((2, len(self.data.names)))
         for group, own in zip(self.groups, self.own, strict=True):
@@ -114,15 +116,15 @@ class LeftOut:
         """Return the error on the group's counted rows, less its mean over the recording's other
         rows, or, where there are none, over the group's own."""
         whole = self.data
-        one = alone(whole, int(whole.rec[np.argmax(group)]))
+        one = select_recording(whole, int(whole.rec[np.argmax(group)]))
         here = group[whole.rec == whole.rec[np.argmax(group)]]
-        error = one.y - Subject(model, carries=True).whole(one)
+        error = one.y - DiagnosedModel(model, carries=True).predict(one)
         rest = error[one.rows & ~here]
         left = error[one.rows & here]
         return np.asarray(left - (rest.mean() if rest.size else left.mean()))
 
 
-def leave_out(problem: Problem, fit: JointFit, drive: Floats) -> LeftOut:
+def make_held_out_groups(problem: Problem, fit: JointFit, drive: Floats) -> HeldOutGroups:
     """Return the groups of a problem. fit: with all effects, used to find what belongs to one
     recording alone; drive: (N,) as it was recorded, on which models are simulated."""
     data = problem.data
@@ -135,7 +137,7 @@ def leave_out(problem: Problem, fit: JointFit, drive: Floats) -> LeftOut:
         own = ~fit.design[beside].any(axis=0) if count > 1 else _unwritten(problem, fit)
         groups.append(here)
         owns.append(fit.design[problem.counted(here)][:, own])
-    return LeftOut(replace(data, u=drive), tuple(groups), tuple(owns))
+    return HeldOutGroups(replace(data, u=drive), tuple(groups), tuple(owns))
 
 
 def _unwritten(problem: Problem, fit: JointFit) -> Bools:
@@ -155,7 +157,7 @@ def _fit_without(problem: Problem, fit: JointFit, here: Bools) -> JointFit:
     others = ~problem.counted(here)
     x = fit.design[others]
     gram, moment = x.T @ x, x.T @ problem.counted(data.y - fit.fixed)[others]
-    problem.leaning.add_to(gram, moment, k)
+    problem.model_prior.add_to(gram, moment, k)
     w, _ = solve_ridged(gram, moment, problem.penalty(x.shape[1]))
     at = np.cumsum([k + width, *(a.size for a in fit.amplitudes)])
     amplitudes = tuple(np.split(w, at)[1:-1]) if fit.amplitudes else ()

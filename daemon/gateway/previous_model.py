@@ -19,7 +19,7 @@ Past = Callable[[int, int], NDArray[Any]]
 """Takes (first, end); returns the TELEMETRY samples first <= seq < end that are still kept."""
 
 
-class ModelBefore:
+class PreviousModel:
     """The model used before the one on trial. Models with further input channels are not advanced,
     as the telemetry does not contain these inputs."""
 

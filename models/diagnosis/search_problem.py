@@ -1,6 +1,6 @@
-"""Choose the problem that the search works on: Prepared -> Based. The base is rich, and is added to
-the identified model where that alone predicts better; the drive is shifted earlier where the
-recorder holds each command or is a row off."""
+"""Choose the problem that the search works on: Prepared -> SearchProblem. The base is rich, and is
+added to the identified model where that alone predicts better; the drive is shifted earlier where
+the recorder holds each command or is a row off."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -13,18 +13,22 @@ from dehyst.models.diagnosis.data.between import with_path_between
 from dehyst.models.diagnosis.data.excerpt import excerpt
 from dehyst.models.diagnosis.data.noise import noise_rms
 from dehyst.models.diagnosis.data.prepare import prepare, were_de_energised
-from dehyst.models.diagnosis.evidence import by_blocks
+from dehyst.models.diagnosis.diagnosed_model import (
+    DiagnosedModel,
+    identify_plain_model,
+    take_given_model,
+)
+from dehyst.models.diagnosis.evidence import blockwise_held_out_error
 from dehyst.models.diagnosis.findings.episodes import Episode, find_episodes
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
-from dehyst.models.diagnosis.judge import base_error, excess, tried
-from dehyst.models.diagnosis.pasts import begin_as_found
+from dehyst.models.diagnosis.judge import base_error, misfit_beyond_noise, try_candidate
+from dehyst.models.diagnosis.pasts import choose_pasts
 from dehyst.models.diagnosis.screen import Screen
-from dehyst.models.diagnosis.subject import Subject, identify_plain, take_subject
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.physics import list_candidates
-from dehyst.models.physics.candidate import small
+from dehyst.models.physics.candidate import format_length
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Data
 
@@ -34,41 +38,41 @@ Progress = Callable[[str, float], None]
 @dataclass(frozen=True)
 class Prepared:
     """whole: all samples; data: those that are fitted, each recording with the past that fits it
-    best; subject: the model in use."""
+    best; diagnosed: the model in use."""
 
     whole: Data
     data: Data
-    subject: Subject
+    diagnosed: DiagnosedModel
 
 
 @dataclass(frozen=True)
-class Footing:
+class SearchStart:
     """A problem, its fit without effects, and the assumed noise [rms]."""
 
     problem: Problem
     null: JointFit
     sigma: float
 
-    def on(self, problem: Problem) -> "Footing":
+    def with_problem(self, problem: Problem) -> "SearchStart":
         """Return the same on another problem."""
         same = problem is self.problem
         return self if same else replace(self, problem=problem, null=problem.solve([]))
 
-    def at_own_noise(self) -> "Footing":
+    def with_estimated_noise(self) -> "SearchStart":
         """Return the same with the noise estimated from the fit's residual."""
         data = self.problem.data
         return replace(self, sigma=noise_rms(data, self.null.residual(data)))
 
 
 @dataclass(frozen=True)
-class Based:
+class SearchProblem:
     """The problem that the search works on. whole: all samples; bare: the model in use alone;
-    footing: base and drive that explain most without effects, the episode subtracted from the
+    start: base and drive that explain most without effects, the episode subtracted from the
     reading; foreign: the warning about a model of another stage, or ""."""
 
     whole: Data
     bare: Problem
-    footing: Footing
+    start: SearchStart
     episode: Episode | None
     foreign: str
 
@@ -81,36 +85,45 @@ def join_recordings(
     say("preparing", 0.0)
     whole = prepare(recordings, were_de_energised(recordings))
     say("the model in use", 0.02)
-    data = begin_as_found(excerpt(whole))
-    subject = identify_plain(recordings, data) if model is None else take_subject(model, data)
-    return Prepared(whole, data, subject)
+    data = choose_pasts(excerpt(whole))
+    diagnosed = (
+        identify_plain_model(recordings, data) if model is None else take_given_model(model, data)
+    )
+    return Prepared(whole, data, diagnosed)
 
 
-def choose_base(prepared: Prepared, several: Callable[..., Iterable[Any]], say: Progress) -> Based:
+def choose_base(
+    prepared: Prepared, several: Callable[..., Iterable[Any]], say: Progress
+) -> SearchProblem:
     """Choose the base, the drive and its path between the samples by what they explain without
     effects."""
-    data, subject = prepared.data, prepared.subject
-    problem = Problem(data, rich_base(data), subject, several)
-    rich = Footing(problem, problem.solve([]), 0.0).at_own_noise()
-    bare = Problem(data, no_base(data), replace(subject, carries=True), several)
-    foreign = of_another_stage(bare, rich.null, rich.sigma)
+    data, diagnosed = prepared.data, prepared.diagnosed
+    problem = Problem(data, rich_base(data), diagnosed, several)
+    rich = SearchStart(problem, problem.solve([]), 0.0).with_estimated_noise()
+    bare = Problem(data, no_base(data), replace(diagnosed, carries=True), several)
+    foreign = warn_of_another_stage(bare, rich.null, rich.sigma)
     if foreign:
         say(foreign, 0.1)
     say("base fitted", 0.1)
-    early = rich.on(earlier_drive(problem, rich.null, rich.sigma) or problem)
-    stands = early.on(on_the_model(early.problem, early.null))
-    fed = replace(stands, problem=fed_by_steps(stands.problem, stands.null, stands.sigma))
+    early = rich.with_problem(choose_earlier_drive(problem, rich.null, rich.sigma) or problem)
+    search_start = early.with_problem(choose_model_under_base(early.problem, early.null))
+    fed = replace(
+        search_start,
+        problem=choose_zero_order_hold(search_start.problem, search_start.null, search_start.sigma),
+    )
     finer = with_path_between(fed.problem.data, fed.sigma)
     if finer is not fed.problem.data:
-        fed = fed.on(replace(fed.problem, data=finer)).at_own_noise()
+        fed = fed.with_problem(replace(fed.problem, data=finer)).with_estimated_noise()
     # what acts for part of the time is reported with that time; no other physics explains it
     episode = find_episodes(finer, fed.null.residual(finer), fed.sigma)
     if episode is not None:
-        fed = fed.on(replace(fed.problem, data=replace(finer, y=finer.y - episode.removed)))
-    return Based(prepared.whole, bare, fed, episode, foreign)
+        fed = fed.with_problem(
+            replace(fed.problem, data=replace(finer, y=finer.y - episode.removed))
+        )
+    return SearchProblem(prepared.whole, bare, fed, episode, foreign)
 
 
-def on_the_model(problem: Problem, null: JointFit) -> Problem:
+def choose_model_under_base(problem: Problem, null: JointFit) -> Problem:
     """Return the problem with the base added to the model in use, or with the base alone, whichever
     predicts better.
 
@@ -121,20 +134,20 @@ def on_the_model(problem: Problem, null: JointFit) -> Problem:
     moved before.) A given model with blocks stays: otherwise its blocks would be found as if they
     were new.
     """
-    subject, over_base = problem.subject, by_blocks(problem, null)
-    if subject.carries:
-        if subject.model.blocks:
+    diagnosed, over_base = problem.diagnosed, blockwise_held_out_error(problem, null)
+    if diagnosed.carries:
+        if diagnosed.model.blocks:
             return problem
-        freed = replace(problem, subject=replace(subject, carries=False))
-        without = by_blocks(freed, freed.solve([]))
+        freed = replace(problem, diagnosed=replace(diagnosed, carries=False))
+        without = blockwise_held_out_error(freed, freed.solve([]))
         return freed if without < TUNING.most * over_base else problem
     data = problem.data
-    carried = replace(problem, subject=replace(subject, carries=True))
+    carried = replace(problem, diagnosed=replace(diagnosed, carries=True))
     alone = replace(carried, base=no_base(data)).solve([]).sse / int(data.rows.sum())
     return carried if alone < over_base else problem
 
 
-def earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
+def choose_earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
     """Return the problem with the drive half a sample or a whole sample earlier, where that
     explains much of the misfit. A whole sample must explain all of it, because loops that narrow
     with the rate look early, too. Return None where a drive one sample later explains as much: then
@@ -145,11 +158,11 @@ def earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | N
     that all models here assume; one that writes a reading into the row before makes it lead by a
     whole sample.
     """
-    found, left = None, excess(problem, null, sigma)
+    found, left = None, misfit_beyond_noise(problem, null, sigma)
     for samples in (0.5, 1.0):
         data = _with_drive_moved(problem.data, samples)
         moved = replace(problem, data=data, base=rich_base(data))
-        leaves = _left_by_base(moved, sigma)
+        leaves = _misfit_of_any_loop(moved, sigma)
         nothing = max(TUNING.strong * sigma, base_error(data)) ** 2
         if samples == 1.0 and leaves > nothing:
             break
@@ -158,7 +171,7 @@ def earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | N
     if found is None:
         return None
     late = _with_drive_moved(problem.data, -1.0)
-    return found if _left_by_base(replace(found, data=late), sigma) > left else None
+    return found if _misfit_of_any_loop(replace(found, data=late), sigma) > left else None
 
 
 def _with_drive_moved(data: Data, samples: float) -> Data:
@@ -172,13 +185,13 @@ def _with_drive_moved(data: Data, samples: float) -> Data:
     return replace(data, u=data.u[at], early=samples)
 
 
-def _left_by_base(problem: Problem, sigma: float) -> float:
+def _misfit_of_any_loop(problem: Problem, sigma: float) -> float:
     """Return the mean square beyond the noise that a loop of any shape leaves."""
-    light = problem.light(TUNING.search_rows)
-    return excess(light, light.solve([]), sigma)
+    light = problem.with_fewer_rows(TUNING.search_rows)
+    return misfit_beyond_noise(light, light.solve([]), sigma)
 
 
-def fed_by_steps(problem: Problem, null: JointFit, sigma: float) -> Problem:
+def choose_zero_order_hold(problem: Problem, null: JointFit, sigma: float) -> Problem:
     """Return the problem with lags and modes fed by steps, where one of them then leaves much less.
 
     A control loop writes a command and holds it. If only the hysteresis lies between the drive and
@@ -187,36 +200,41 @@ def fed_by_steps(problem: Problem, null: JointFit, sigma: float) -> Problem:
     with straight lines, a mode leaves as much again as its own share, and friction is reported in
     addition.
     """
-    if problem.data.early or excess(problem, null, sigma) < (TUNING.strong * sigma) ** 2:
+    if (
+        problem.data.early
+        or misfit_beyond_noise(problem, null, sigma) < (TUNING.strong * sigma) ** 2
+    ):
         return problem
-    light = problem.light(TUNING.limit_rows)
+    light = problem.with_fewer_rows(TUNING.limit_rows)
     start = light.solve([])
-    straight, steps = (_least_left(one, start, sigma) for one in (light, light.with_steps()))
+    straight, steps = (
+        _least_misfit(one, start, sigma) for one in (light, light.with_zero_order_hold())
+    )
     least = max(TUNING.half * straight, (TUNING.strong * sigma) ** 2)
-    return problem.with_steps() if straight - steps > least else problem
+    return problem.with_zero_order_hold() if straight - steps > least else problem
 
 
-def _least_left(problem: Problem, start: JointFit, sigma: float) -> float:
+def _least_misfit(problem: Problem, start: JointFit, sigma: float) -> float:
     """Return the least mean square beyond the noise that one candidate leaves, of those that show
     how they are fed: the plainest of each name that acts on the hysteresis' output, within a period
     of the drive. A mode that rings through a whole recording is not the stage's: it copies a line
     of the surroundings."""
     shortest_s = float((np.bincount(problem.data.rec) * problem.data.period).min())
-    look, left = Screen(problem, start), [excess(problem, start, sigma)]
+    screen, left = Screen(problem, start), [misfit_beyond_noise(problem, start, sigma)]
     fed = [c for c in list_candidates(problem.data) if c.mode == "output" and not c.lasting]
     for candidate in {c.name: c for c in reversed(fed)}.values():
-        ranked = look.starts(candidate)
+        ranked = screen.starts(candidate)
         if ranked and ranked[0][0] > 0:
-            trial = tried(problem, sigma, start, candidate, ranked[0][1])
-            ring = candidate.ring(trial.fit.effects[-1].theta)
+            trial = try_candidate(problem, sigma, start, candidate, ranked[0][1])
+            ring = candidate.free_oscillation(trial.fit.effects[-1].theta)
             if ring is None or ring[1] * TUNING.minor * shortest_s > 1.0:
-                left.append(excess(problem, trial.fit, sigma))
+                left.append(misfit_beyond_noise(problem, trial.fit, sigma))
     return min(left)
 
 
-def of_another_stage(bare: Problem, null: JointFit, sigma: float) -> str:
+def warn_of_another_stage(bare: Problem, null: JointFit, sigma: float) -> str:
     """Return the warning for a given model that is far off these recordings; "" where it is not."""
-    if not bare.subject.given:
+    if not bare.diagnosed.given:
         return ""
     n = int(bare.data.rows.sum())
     left = float(np.sqrt(bare.solve([]).sse / n))
@@ -226,7 +244,7 @@ def of_another_stage(bare: Problem, null: JointFit, sigma: float) -> str:
         return ""
     unit = bare.data.unit
     return (
-        f"the model does not fit this stage in its present state: it leaves {small((left, unit))} "
-        f"rms of a stroke of {stroke:.3g} {unit}, where a hysteresis fitted here leaves "
-        f"{small((best, unit))}; identify a model from these recordings"
+        "the model does not fit this stage in its present state: it leaves "
+        f"{format_length((left, unit))} rms of a stroke of {stroke:.3g} {unit}, where a hysteresis "
+        f"fitted here leaves {format_length((best, unit))}; identify a model from these recordings"
     )

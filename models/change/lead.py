@@ -7,7 +7,7 @@ import numpy as np
 from dehyst.models.recording import Recording
 
 
-def lead_in(recording: Recording, lead_s: float) -> Recording:
+def blank_lead(recording: Recording, lead_s: float) -> Recording:
     """Return the recording without readings in its first lead_s seconds."""
     y = recording.displacement
     if y is None or lead_s <= 0.0:
@@ -16,7 +16,7 @@ def lead_in(recording: Recording, lead_s: float) -> Recording:
     return replace(recording, displacement=np.where(_before(recording, first), np.nan, y))
 
 
-def without_lead(recording: Recording, lead_s: float) -> Recording:
+def drop_lead(recording: Recording, lead_s: float) -> Recording:
     """Return the recording without its first lead_s seconds."""
     y = recording.displacement
     counts = ~_before(recording, recording.t_s[0] + lead_s)
