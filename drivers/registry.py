@@ -53,8 +53,8 @@ def find_plugins(name: str) -> list[Plugin]:
     if not found:
         names = sorted({point.name for group in KINDS for point in _points(group)})
         raise DriverConfigError(
-            f"there is no driver {name!r}; the drivers are: {', '.join(names)}. A new one is found"
-            " after its package was installed again (pip install -e .)"
+            f"there is no driver {name!r} (a new one is found once its package is installed again: "
+            f"pip install -e .); the drivers are: {', '.join(names)}"
         )
     return found
 

@@ -136,7 +136,7 @@ def test_drivers_with_a_name_lists_the_settings_of_both_kinds(capsys):
     assert "longest wait for a reply" in capsys.readouterr().out
     assert main(["drivers", "mdt692b"]) == 2
     said = capsys.readouterr().err
-    assert "no driver 'mdt692b'; the drivers are: " in said
+    assert "no driver 'mdt692b' (" in said
     names = sorted({plugin.name for plugin in list_plugins()})
     assert said.strip().rpartition("the drivers are: ")[2].split(", ") == names
 
