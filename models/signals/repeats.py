@@ -7,7 +7,7 @@ from dehyst.models.signals.joined import Bools, Floats, Ints
 LEAST_READINGS = 50  # fewer show no rule
 USUAL = 0.9  # least fraction of readings that last as long as the median, to within one row
 DISTINCT = 0.5  # least fraction of distinct readings: with fewer they are steps, not noise; and
-# largest fraction of the repeats in which the drive is constant
+# largest fraction of the repeats in which the drive is constant, unless the reading changes then
 
 
 def repeated_readings(y: Floats, drive: Floats) -> Bools:
@@ -15,8 +15,9 @@ def repeated_readings(y: Floats, drive: Floats) -> Bools:
     rule.
 
     y, drive: (N,), NaN where missing. A gauge polled too fast repeats each reading about equally
-    often, also while the drive moves, and the next reading differs by noise. A coarsely quantised
-    reading stays until the stage reaches the next step, and returns to the same values.
+    often, also while the drive moves, and the next reading differs by noise, also while the drive
+    is constant. A coarsely quantised reading stays until the stage reaches the next step, and
+    returns to the same values; a quiet stage stays until its drive moves.
     """
     out = np.zeros(y.size, dtype=bool)
     rows = np.flatnonzero(np.isfinite(y))
@@ -32,8 +33,10 @@ def repeated_readings(y: Floats, drive: Floats) -> Bools:
     alike = float(np.mean(np.abs(stands - usual) <= 1))
     distinct = np.unique(values[begins]).size / begins.size
     if usual > 1 and alike >= USUAL and distinct >= DISTINCT and _scatter(values[begins]):
-        stood = np.diff(drive[rows])[same[1:]] == 0.0
-        out[rows[same]] = np.mean(stood) <= DISTINCT
+        moves = np.r_[0, np.cumsum(np.diff(drive[rows]) != 0.0)]
+        stood = np.diff(moves)[same[1:]] == 0  # a repeat while the drive is constant
+        renewed = np.diff(moves[begins]) == 0  # a new reading although it is
+        out[rows[same]] = np.mean(stood) <= DISTINCT or np.mean(renewed) >= DISTINCT
     return out
 
 

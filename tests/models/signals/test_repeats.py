@@ -73,3 +73,17 @@ def test_a_stage_that_stands_with_its_drive_is_read_anew() -> None:
     """Commands that are held for ten rows each, and a reading without noise."""
     held = SMOOTH[np.arange(T.size) // 10 * 10]
     assert not repeated_readings(0.9 * held + 0.01 * held**2, held).any()
+
+
+@pytest.mark.parametrize(("hold", "times"), [(300, 5), (300, 12), (300, 29), (30, 5), (30, 12)])
+def test_a_gauge_that_is_polled_while_the_drive_is_held_counts_each_reading_once(
+    hold: int, times: int
+) -> None:
+    """Most rows belong to rests of the drive, as in a recording of holds; readings are renewed
+    there, too."""
+    held = SMOOTH[np.arange(T.size) // hold * hold]
+    fresh = held + 5e-3 * np.random.default_rng(3).standard_normal(T.size)
+    polled = fresh[np.arange(T.size) // times * times]
+    expected = np.r_[False, polled[1:] == polled[:-1]]
+    again = repeated_readings(polled, held)
+    assert again.mean() == pytest.approx(expected.mean(), abs=1e-9)

@@ -440,6 +440,13 @@ CHANGES = [
             "a stage at rest with its drive is mistaken for a gauge that was polled too fast",
         ),
         Change(
+            "polled-in-rests-is-not-seen",
+            "models/signals/repeats.py",
+            " or np.mean(renewed) >= DISTINCT",
+            "",
+            "in a recording of holds, a gauge that was polled too fast goes unnoticed",
+        ),
+        Change(
             "ramps-are-repeats",
             "models/signals/repeats.py",
             "and _scatter(values[begins])",
