@@ -7,7 +7,7 @@ from pathlib import Path
 
 PROGRAM = """
 import numpy as np
-from dehyst.models.cascade.step import pack, undo
+from dehyst.models.cascade.step import invert_stage_blocks, pack
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 
 blocks = (
@@ -18,7 +18,7 @@ model = Model(Hysteresis(r=[0.0], b=[1.0], c=[0.0, 1.0]), Validity(0.0, 10.0), b
 packed = pack(model, 1e-3)
 states = packed.settle(1.0, 1.0)
 x = np.linspace(1.0, 2.0, 20)
-undo(packed.chain, states, states.copy(), np.zeros(0), 1, 1e-3, 1e-3, x)
+invert_stage_blocks(packed.chain, states, states.copy(), np.zeros(0), 1, 1e-3, 1e-3, x)
 print(x.tolist())
 """
 

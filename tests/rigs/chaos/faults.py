@@ -355,6 +355,8 @@ def until_flagged(rig: Rig, text: str) -> None:
     """Freeze the reading repeatedly until the watch reports this text: a watch that has just begun
     to learn is not certain yet."""
     for _ in range(8):
+        # a mismatch is reported once: an earlier fault's must be over before another one is
+        until(lambda: not rig.status().gateway.mismatch, 40.0, "the watch reports no mismatch")
         rig.bench_order(fault="stuck", for_s=9.0)
         end = time.monotonic() + 12.0
         while time.monotonic() < end:
