@@ -150,7 +150,7 @@ def check_glide(rig: Rig, stop: Callable[[], None]) -> None:
     Repeated if there was nothing to glide: the trajectory happened to return to its earlier place,
     or the mover had given it up and begun another one, which is approached.
     """
-    for _ in range(8):
+    for _ in range(16):
         rig.until_running()
         played = rig.status().trajectory
         stop()
