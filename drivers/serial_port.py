@@ -101,11 +101,10 @@ class SerialPort:
             raise DriverConfigError(f"serial port {path}: {error}") from None
         except (serial.SerialException, OSError) as error:
             raise DeviceNotFound(_why_not_open(path, error)) from None
-        # FTDI: 1 ms instead of 16 ms. A port without that mode is not an error: pyserial raises
-        # OSError or ValueError (a pseudo terminal, an older kernel), NotImplementedError or
-        # AttributeError (its classes for other systems).
-        with contextlib.suppress(OSError, ValueError, NotImplementedError, AttributeError):
-            self._serial.set_low_latency_mode(True)
+        if system.LINUX:  # FTDI: 1 ms instead of 16 ms
+            # a pseudo terminal or an older kernel has no such mode, which is not an error
+            with contextlib.suppress(OSError, ValueError):
+                self._serial.set_low_latency_mode(True)
         self._fd: int = self._serial.fileno()
 
     def write(self, data: bytes) -> None:

@@ -250,43 +250,45 @@ def test_silent_connections_are_bounded_and_cost_nobody_else_anything(
     wait_until("places are free again", answers, 20.0)
 
 
-def test_three_axes_move_and_scan_together(tmp_path: Path) -> None:
-    bench = AxesBench(tmp_path, "xy")
+@contextmanager
+def two_axes(folder: Path) -> Iterator[tuple[AxesBench, Served]]:
+    """Yield a bench of the axes x and y, and the program that serves it."""
+    bench = AxesBench(folder, "xy")
     served = None
     try:
         bench.start_gateway()
         served = Served("--connect", bench.address)
-        with device(served) as stage:
-            assert stage.axes == ["X", "Y"]
-            pitools.startup(stage)
-            pitools.moveandwait(stage, ["X", "Y"], [4.0, 6.0])
-            assert bench.loops["x"].samples(bench.loops["x"].seq - 1)[-1]["target"] == 4.0
-            assert bench.loops["y"].samples(bench.loops["y"].seq - 1)[-1]["target"] == 6.0
-            stage.WAV_RAMP(1, 0, 100, "X", 50, 5, 2.0, 4.0, 100)
-            stage.WAV_LIN(2, 0, 100, "X", 5, 1.0, 5.0, 100)
-            stage.WSL([1, 2], [1, 2])
-            stage.WGC([1, 2], [2, 2])
-            stage.WGO([1, 2], [1, 1])
-            pitools.waitonwavegen(stage, timeout=30)
-            x, y = (bench.loops[axis].samples() for axis in "xy")
-            x, y = x[np.isfinite(x["target"])], y[np.isfinite(y["target"])]
-            assert np.isclose(x["target"].max(), 6.0, atol=0.01)
-            assert np.isclose(y["target"][-1], 6.0, atol=0.03)
-            peak = x["scheduled_ns"][np.argmax(x["target"])]
-            middle = y["target"][np.searchsorted(y["scheduled_ns"], peak)]
-            assert middle == pytest.approx(5.5, abs=0.05)  # on the same samples
+        yield bench, served
     finally:
         if served is not None:
             served.close()
         bench.close()
 
 
+def test_three_axes_move_and_scan_together(tmp_path: Path) -> None:
+    with two_axes(tmp_path) as (bench, served), device(served) as stage:
+        assert stage.axes == ["X", "Y"]
+        pitools.startup(stage)
+        pitools.moveandwait(stage, ["X", "Y"], [4.0, 6.0])
+        assert bench.loops["x"].samples(bench.loops["x"].seq - 1)[-1]["target"] == 4.0
+        assert bench.loops["y"].samples(bench.loops["y"].seq - 1)[-1]["target"] == 6.0
+        stage.WAV_RAMP(1, 0, 100, "X", 50, 5, 2.0, 4.0, 100)
+        stage.WAV_LIN(2, 0, 100, "X", 5, 1.0, 5.0, 100)
+        stage.WSL([1, 2], [1, 2])
+        stage.WGC([1, 2], [2, 2])
+        stage.WGO([1, 2], [1, 1])
+        pitools.waitonwavegen(stage, timeout=30)
+        x, y = (bench.loops[axis].samples() for axis in "xy")
+        x, y = x[np.isfinite(x["target"])], y[np.isfinite(y["target"])]
+        assert np.isclose(x["target"].max(), 6.0, atol=0.01)
+        assert np.isclose(y["target"][-1], 6.0, atol=0.03)
+        peak = x["scheduled_ns"][np.argmax(x["target"])]
+        middle = y["target"][np.searchsorted(y["scheduled_ns"], peak)]
+        assert middle == pytest.approx(5.5, abs=0.05)  # on the same samples
+
+
 def test_a_connection_that_ends_leaves_the_axes_of_another_where_they_are(tmp_path: Path) -> None:
-    bench = AxesBench(tmp_path, "xy")
-    served = None
-    try:
-        bench.start_gateway()
-        served = Served("--connect", bench.address)
+    with two_axes(tmp_path) as (bench, served):
         with served.raw() as first:
             with served.raw() as second:
                 first.sendall(b"SVO X 1\nMOV X 4\n")
@@ -303,7 +305,3 @@ def test_a_connection_that_ends_leaves_the_axes_of_another_where_they_are(tmp_pa
             first.sendall(b"MOV X 4.5\n")
             assert ask(first, "ERR?\n") == "0\n"
         wait_until("it lets go", lambda: bench.loops["x"].state == State.READY, 30.0)
-    finally:
-        if served is not None:
-            served.close()
-        bench.close()

@@ -122,7 +122,7 @@ CHANGES = room(
     ),
     Change(
         "dead-loop-accepts", VIEW, "if not self.alive:", "if False:",
-        "clients are told that commands were accepted although no loop runs",
+        "commands are reported as accepted although no loop runs",
     ),
     Change(
         "no-room-for-a-stop", VIEW, "RESERVED * (records > 1)", "0",
