@@ -25,11 +25,12 @@ class Track:
 
 
 def draw_displacements(before: Track, after: Track, title: str, axes: Axes) -> str:
-    """Draw set-point and displacement over the first two seconds."""
+    """Draw set-point and displacement over the first two seconds of the tracks."""
+    begin = float(before.t_s[0])
     axes.plot(before.t_s, before.target_um, color=MEASURED, lw=3, alpha=0.35, label="set-point")
     for track, color in ((before, BEFORE), (after, MODEL)):
         axes.plot(track.t_s, track.measured_um, color=color, lw=1.2, label=track.name)
-    axes.set(xlabel="time, s", ylabel="displacement, um", title=title, xlim=(0, 2))
+    axes.set(xlabel="time, s", ylabel="displacement, um", title=title, xlim=(begin, begin + 2.0))
     add_legend(axes)
     return f"{title}: displacement over time, {before.name} and {after.name}."
 

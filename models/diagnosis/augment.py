@@ -85,6 +85,15 @@ def build_augmented_model(problem: Problem, fitted: JointFit) -> Model:
     )
 
 
+def with_rows_early(model: Model, data: Data) -> Model:
+    """Return the model for recordings with readings that are rows early, as they were given: with a
+    lead."""
+    if not data.rows_early:
+        return model
+    ahead = lead("drive", data.rows_early * data.period)
+    return replace(model, blocks=(ahead, *model.blocks))
+
+
 def is_within_reach(model: Model, data: Data) -> bool:
     """Return whether the model, driven slowly from rest over the recorded range, stays where the
     stage has been: a shape is known where the recordings went, and powers of it may diverge

@@ -37,9 +37,10 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Prepared:
-    """whole: all samples; data: those that are fitted, each recording with the past that fits it
-    best; diagnosed: the model in use."""
+    """recordings: as they are diagnosed; whole: all their samples; data: those that are fitted, each
+    recording with the past that fits it best; diagnosed: the model in use."""
 
+    recordings: Sequence[Recording]
     whole: Data
     data: Data
     diagnosed: DiagnosedModel
@@ -78,18 +79,19 @@ class SearchProblem:
 
 
 def join_recordings(
-    recordings: Sequence[Recording], model: Model | None, say: Progress
+    recordings: Sequence[Recording], model: Model | None, say: Progress, rows_early: int = 0
 ) -> Prepared:
     """Return the recordings on their grids, and the model in use, which is identified if none is
-    given."""
+    given. rows_early: by how many rows their drive was moved."""
     say("preparing", 0.0)
     whole = prepare(recordings, were_de_energised(recordings))
+    whole = replace(whole, rows_early=rows_early)
     say("the model in use", 0.02)
     data = choose_pasts(excerpt(whole))
     diagnosed = (
         identify_plain_model(recordings, data) if model is None else take_given_model(model, data)
     )
-    return Prepared(whole, data, diagnosed)
+    return Prepared(recordings, whole, data, diagnosed)
 
 
 def choose_base(
@@ -105,7 +107,12 @@ def choose_base(
     if foreign:
         say(foreign, 0.1)
     say("base fitted", 0.1)
-    early = rich.with_problem(choose_earlier_drive(problem, rich.null, rich.sigma) or problem)
+    earlier = None if data.rows_early else choose_earlier_drive(problem, rich.null, rich.sigma)
+    if earlier is not None and earlier.data.early == 1.0:  # the rest sees the recordings mended
+        moved = [move_drive_a_row_earlier(one) for one in prepared.recordings]
+        model = diagnosed.model if diagnosed.given else None
+        return choose_base(join_recordings(moved, model, say, rows_early=1), several, say)
+    early = rich.with_problem(earlier or problem)
     search_start = early.with_problem(choose_model_under_base(early.problem, early.null))
     fed = replace(
         search_start,
@@ -172,6 +179,13 @@ def choose_earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Prob
         return None
     late = _with_drive_moved(problem.data, -1.0)
     return found if _misfit_of_any_loop(replace(found, data=late), sigma) > left else None
+
+
+def move_drive_a_row_earlier(recording: Recording) -> Recording:
+    """Return a recording with the drive of each row in the row before; the last row keeps its
+    own."""
+    drive = np.append(recording.drive[1:], recording.drive[-1])
+    return replace(recording, drive=drive)
 
 
 def _with_drive_moved(data: Data, samples: float) -> Data:

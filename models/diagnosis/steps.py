@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dehyst.models.cascade.history import replay_recording
+from dehyst.models.diagnosis.augment import with_rows_early
 from dehyst.models.diagnosis.data.locate import locate
 from dehyst.models.diagnosis.data.survey import BUTTERFLY, ONE_SIDE, centred_residual, survey
 from dehyst.models.diagnosis.findings.decide import next_experiment
@@ -69,7 +70,9 @@ def _report(
         findings = tuple(mark_not_contained(f) for f in findings)
     for candidate, sighting in searched.seen:
         findings = _with_sighting(findings, candidate, sighting)
-    views = tuple(_views(whole, recordings, (diagnosed.model, written.model)))
+    model = with_rows_early(written.model, whole)
+    base_model = diagnosed.model if diagnosed.given else with_rows_early(diagnosed.model, whole)
+    views = tuple(_views(whole, recordings, (base_model, model)))
     rms: dict[str, Any] = {
         "model": {v.name: _rms((v.displacement - v.base)[v.held_out]) for v in views},
         "augmented": {v.name: _rms((v.displacement - v.augmented)[v.held_out]) for v in views},
@@ -89,8 +92,8 @@ def _report(
         would_have_seen=limited,
         rms=rms,
         next_experiment=ONE_SIDE if BUTTERFLY in searched.warnings else further,
-        model=written.model,
-        base_model=diagnosed.model,
+        model=model,
+        base_model=base_model,
         views=views,
         locate=locate(whole, left, found.sigma),
         tried=tuple(_tried(found.counted, found)),

@@ -49,7 +49,8 @@ class LagSearch:
         A shift by a fraction of a sample needs a gain in the fit alone; a longer lag must predict
         held-out stretches clearly better, because a lag also gains a little where the hysteresis is
         of another class than the model's. The lag is assigned to the drive, where the inverse
-        compensates it, unless a lag of the sensor predicts better by more than chance.
+        compensates it, unless a lag of the sensor predicts better by more than chance. A lag within
+        one sample shows neither side, and is the drive's.
         """
         without = {loose: self._misfit(None, loose) for loose in (True, False)}
         delay = self._find_delay(without[True], without[True] * (1.0 - TUNING.trace))
@@ -61,7 +62,8 @@ class LagSearch:
         drive, sensor = (self._find_lag(place, enough) for place in PLACES)
         second = self._find_second(sensor) if sensor is not None else None
         of_drive = [self._score(lag) for lag in (delay, drive) if lag is not None]
-        of_sensor = [self._score(lag) for lag in (sensor, second) if lag is not None]
+        longer = [lag for lag in (sensor, second) if lag is not None and lag.delay_s > self.period]
+        of_sensor = [self._score(lag) for lag in longer]
         found = None
         for group in (of_drive, of_sensor):
             good = [c for c in group if c.lag is not None and self._helps(c, c.lag)]
@@ -117,7 +119,7 @@ class LagSearch:
         given = self.candidate
         assert given.lag is not None
         if given.lag.delay_s <= self.period:
-            return given, given.lag.place == "sensor"
+            return given, False
         one = Dynamics(LAG, "drive", (given.lag.delay_s,))
         before, behind = (self._refine(replace(one, place=at), choose) for at in PLACES)
         assert behind.lag is not None

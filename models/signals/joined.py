@@ -36,6 +36,7 @@ class Data:
     drive_unit: str = "v"
     unit: str = "um"
     early: float = 0.0  # samples by which the drive is shifted to earlier times than recorded
+    rows_early: int = 0  # the same, shifted in the recordings before anything else
     stepped: bool = False  # input of lags and modes: zero-order hold instead of linear
     led: bool = False  # input of lags and modes: linear, half a sample earlier
     missing: int = 0  # samples of the grid without a reading

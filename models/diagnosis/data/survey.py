@@ -98,13 +98,13 @@ def survey(
             f"of {data.n} samples {int(np.count_nonzero(fitted.rows))} in stretches were fitted; "
             "the errors are of all"
         )
-    if fitted.early == 1.0:
+    if fitted.rows_early:
         said.append(
             "each reading stands one row before the drive that it belongs to; the diagnosis "
             "accounts for this, and a model that it writes leads by a sample as the recordings "
             "do: check the order in which the recorder reads and writes"
         )
-    elif fitted.early:
+    if fitted.early:
         said.append(
             "the reading leads the drive by half a sample, because each command is held, not "
             "ramped; the diagnosis accounts for this"

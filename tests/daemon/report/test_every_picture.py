@@ -71,10 +71,11 @@ def pictures() -> dict[str, Callable[..., str]]:
 PICTURES = pictures()
 
 
-def world(y: Floats) -> dict[Any, Any]:
-    """Return the arguments of pictures by type, where everything that was measured is y."""
+def world(y: Floats, begin_s: float = 0.0) -> dict[Any, Any]:
+    """Return the arguments of pictures by type, where everything that was measured is y, from
+    begin_s on."""
     n = y.size
-    t_s = 0.005 * np.arange(n)
+    t_s = begin_s + 0.005 * np.arange(n)
     used: NDArray[np.bool_] = np.ones(n, bool)
     model = kept_model()
     few = np.resize(y, model.hysteresis.n)
@@ -110,9 +111,9 @@ def world(y: Floats) -> dict[Any, Any]:
     }  # fmt: skip
 
 
-def draws(name: str, y: Floats) -> Draw:
+def draws(name: str, y: Floats, begin_s: float = 0.0) -> Draw:
     """Return the picture with its arguments bound."""
-    one, known = PICTURES[name], world(y)
+    one, known = PICTURES[name], world(y, begin_s)
     wanted = {k: v for k, v in typing.get_type_hints(one).items() if k not in ("axes", "return")}
     given = {k: known[v] for k, v in wanted.items()}
     if "color" in given:
@@ -128,6 +129,18 @@ def test_a_picture_of_a_recording_that_shows_little_is_drawn(name: str, shape: s
     png, shows = draw_picture(draws(name, SHAPES[shape]))
     assert png.startswith(b"\x89PNG")
     assert FAILED not in shows
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_each_line_of_a_picture_is_seen_when_the_recording_begins_late(name: str) -> None:
+    axes = Figure().subplots()
+    draws(name, LIVELY, 70.0)(axes)
+    for line in axes.lines:
+        if line.get_transform().contains_branch(axes.transData):
+            (left, right), (low, high) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
+            x, y = np.array(line.get_xdata(), float), np.array(line.get_ydata(), float)
+            seen = (x >= left) & (x <= right) & (y >= low) & (y <= high)
+            assert seen.any() or not np.isfinite(x + y).any(), line.get_label()
 
 
 @pytest.mark.parametrize("shape", ["zero", "nan", "one row"])

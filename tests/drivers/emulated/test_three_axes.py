@@ -28,13 +28,15 @@ class Axes(NamedTuple):
     gauges: dict[str, Ksg101]
 
     def settled(self, volts: float) -> dict[str, float]:
-        """Return the readings once the bench shows that the piezo of y is at `volts`."""
+        """Return the readings once the bench shows that y is at `volts` and no longer rings."""
         self.amplifier.write(volts)
-        while abs(ask(self.ports["control"], {"axis": "y"})["drive_v"] - volts) > 1e-2:
-            pass
-        for _ in range(40):  # ringing decays while the gauges are read
-            shown = {name: gauge.read() for name, gauge in self.gauges.items()}
-        return shown
+        last_um, still = np.nan, 0
+        while still < 20:
+            y = ask(self.ports["control"], {"axis": "y"})
+            there = abs(y["drive_v"] - volts) < 1e-3
+            still = still + 1 if there and abs(y["displacement_um"] - last_um) < 1e-4 else 0
+            last_um = y["displacement_um"]
+        return {name: gauge.read() for name, gauge in self.gauges.items()}
 
 
 @pytest.fixture(scope="module")

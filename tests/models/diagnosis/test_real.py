@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from scipy import signal
 from tests.rigs.diagnosis import diagnose_without_limits
+from tests.rigs.hardware_stages import make_rig
 
+from dehyst.daemon.api.prediction import predict
 from dehyst.models.diagnosis.augment import build_augmented_model
 from dehyst.models.diagnosis.base import rich_base
 from dehyst.models.diagnosis.data.prepare import prepare
@@ -100,6 +102,20 @@ def test_a_row_before_is_a_row_before_for_drives_that_jump_too() -> None:
     t = np.arange(8001) * DT
     u = 5 + multisine(t.size, 1) + 0.3 * np.sign(np.sin(2 * np.pi * 9.0 * t))
     assert drive_is_earlier_by(u[:-1], u[1:]) == 1.0
+
+
+def test_readings_a_row_early_are_a_fault_of_the_recorder_and_nothing_else() -> None:
+    """The stage is of the model's class, so that nothing is left out once the rows are moved."""
+    rig = make_rig(5, 3)
+    assert (rig.kind, rig.foreign, rig.hidden) == ("early", False, ())
+    d = diagnose_without_limits(rig.given)
+    assert (d.verdict, d.findings) == ("clean", ())
+    assert any("stands one row before" in words for words in d.data.says)
+    leads = [b for b in d.base_model.blocks if b.kind == "lead"]
+    assert [b.params["tau_s"] for b in leads] == [pytest.approx(1e-3)]
+    left = rig.held.displacement - predict(d.base_model, rig.held).displacement
+    assert np.std(left) < 0.5 * rig.noise
+
 
 
 def test_a_model_that_leads_is_judged_on_the_drive_as_it_was_recorded() -> None:

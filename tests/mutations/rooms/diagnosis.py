@@ -406,6 +406,13 @@ CHANGES = [
             "a recorder that is off by a row is reported as unknown physics",
         ),
         Change(
+            "early-rows-under-the-model",
+            "models/diagnosis/search_problem.py",
+            "    if earlier is not None and earlier.data.early == 1.0:",
+            "    if False:",
+            "a stage whose recorder is off by a row is said to have a loop of another shape",
+        ),
+        Change(
             "judged-on-the-moved-drive",
             "models/diagnosis/held_out.py",
             "HeldOutGroups(replace(data, u=drive),",
