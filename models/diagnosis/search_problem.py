@@ -37,8 +37,8 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Prepared:
-    """recordings: as they are diagnosed; whole: all their samples; data: those that are fitted, each
-    recording with the past that fits it best; diagnosed: the model in use."""
+    """recordings: as they are diagnosed; whole: all their samples; data: those that are fitted,
+    each recording with the past that fits it best; diagnosed: the model in use."""
 
     recordings: Sequence[Recording]
     whole: Data

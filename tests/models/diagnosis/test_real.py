@@ -117,7 +117,6 @@ def test_readings_a_row_early_are_a_fault_of_the_recorder_and_nothing_else() -> 
     assert np.std(left) < 0.5 * rig.noise
 
 
-
 def test_a_model_that_leads_is_judged_on_the_drive_as_it_was_recorded() -> None:
     t = np.arange(8000) * DT
     u = 5 + 3 * np.sin(2 * np.pi * 2.3 * t) + np.sin(2 * np.pi * 6.1 * t)

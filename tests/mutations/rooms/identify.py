@@ -80,8 +80,8 @@ CHANGES = room(
         "a slow sensor is mistaken for a slow drive and compensated",
     ),
     Change(
-        "untold-side-not-said", LAGS, "return given, given.lag.place == \"sensor\"",
-        "return given, True", "a side that the recording does not determine is reported "
+        "untold-side-not-said", LAGS, "            return given, False\n",
+        "            return given, True\n", "a side that the recording does not determine is reported "
                               "without a warning",
     ),
 ) + room(
