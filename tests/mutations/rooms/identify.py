@@ -81,8 +81,8 @@ CHANGES = room(
     ),
     Change(
         "untold-side-not-said", LAGS, "            return given, False\n",
-        "            return given, True\n", "a side that the recording does not determine is reported "
-                              "without a warning",
+        "            return given, True\n",
+        "a side that the recording does not determine is reported without a warning",
     ),
 ) + room(
     ("tests/models/identify/test_start.py",),
