@@ -49,6 +49,19 @@ class _Stopped(Exception):
     """Raised in a callback to end the trajectory."""
 
 
+class _Stops:
+    """Counts the requested stops: a flight ends when one was requested after the flight was,
+    whether it has begun or still waits for its turn."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def add(self) -> None:
+        """Count one more; from any thread. Of two at once one may be lost, and the count differs
+        all the same."""
+        self.count += 1
+
+
 @dataclass
 class _Going:
     """A set-point that the stage is moving to."""
@@ -104,13 +117,13 @@ class Positioner(Closing):
         self._held: float | None = None
         self._repeat_ns = 0
         self._wall_offset_ns = 0
-        self._stopping = threading.Event()
+        self._stops = _Stops()
         ready: Future[tuple[str, str, tuple[float, float], float, float]] = Future()
         make = connect if connect is not None else lambda: Client(label="positioner")
         self._thread = threading.Thread(target=self._live, args=(make, ready), daemon=True)
         self._thread.start()
         # without `close`, zenoh's threads would still run when the interpreter shuts down
-        weakref.finalize(self, _end, self._stopping, self._jobs, self._thread, self._process)
+        weakref.finalize(self, _end, self._stops, self._jobs, self._thread, self._process)
         self.name, self.unit, self.reach, self.period_s, self._stale_s = ready.result()
         self.tolerance = tolerance or SHARE * (self.reach[1] - self.reach[0])
 
@@ -134,13 +147,14 @@ class Positioner(Closing):
         all its samples."""
         future: Future[Flight] = Future()
         times, targets = np.array(t_s, float), np.array(value, float)
-        self._do(lambda client: self._fly(client, times, targets, future), future)
+        before = self._stops.count
+        self._do(lambda client: self._fly(client, times, targets, before, future), future)
         return future
 
     def stop(self) -> None:
         """Stop the stage where it is. It then follows the daemon's `[setpoint]`: hold, then ramp to
         the safe voltage. The future of a motion in progress fails."""
-        self._stopping.set()
+        self._stops.add()
         done: Future[None] = Future()
         self._do(lambda client: self._stop(client, done), done)
         done.result()
@@ -149,7 +163,7 @@ class Positioner(Closing):
         """Release the stage and close the connection. Safe to call twice."""
         if os.getpid() != self._process:
             return
-        self._stopping.set()
+        self._stops.add()
         self._jobs.put(None)
         self._thread.join()
 
@@ -227,7 +241,6 @@ class Positioner(Closing):
 
     def _begin_going(self, client: Client, value: float, future: "Future[Reading]") -> None:
         self._leave("another position was requested")
-        self._stopping.clear()
         client.send(value)
         now_ns = clock.monotonic_ns()
         self._held, self._repeat_ns = value, now_ns
@@ -301,15 +314,17 @@ class Positioner(Closing):
         client: Client,
         t_s: NDArray[np.float64],
         value: NDArray[np.float64],
+        stops: int,
         future: "Future[Flight]",
     ) -> None:
+        """Play a trajectory until its end or the next stop. stops: how many had been requested when
+        the trajectory was."""
         self._leave("a trajectory was requested")
-        self._stopping.clear()
         self._held = None
         parts: list[NDArray[Any]] = []
 
         def look(*_: Any) -> None:
-            if self._stopping.is_set():
+            if self._stops.count != stops:
                 raise _Stopped
 
         def take(samples: NDArray[Any]) -> None:
@@ -318,6 +333,7 @@ class Positioner(Closing):
 
         self._stream.close()
         try:
+            look()
             played = client.play(t_s, value, progress=look, on_samples=take)
         except _Stopped:
             client.stop()
@@ -353,13 +369,13 @@ class Positioner(Closing):
 
 
 def _end(
-    stopping: threading.Event,
+    stops: _Stops,
     jobs: "queue.SimpleQueue[Any]",
     thread: threading.Thread,
     process: int,
 ) -> None:
     """Close a positioner that the program did not close; does nothing in a forked child."""
     if os.getpid() == process and thread is not threading.current_thread():
-        stopping.set()
+        stops.add()
         jobs.put(None)
         thread.join()

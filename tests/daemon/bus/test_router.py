@@ -128,11 +128,16 @@ def test_clients_find_and_command_controllers_through_a_router(
                 return 3.0 in targets
 
             wait_until("the set-point is followed", followed)
-            capsys.readouterr()
-            assert main(["watch", "--list", "--connect", address]) == 0
-            out = capsys.readouterr().out.splitlines()
-            assert [line.split()[0] for line in out] == ["stage-01", "stage-02"]
-            assert "running" in out[1]
+
+            def listed_as_running() -> bool:
+                assert client.send(3.0).ok  # it becomes stale after a second
+                capsys.readouterr()
+                assert main(["watch", "--list", "--connect", address]) == 0
+                out = capsys.readouterr().out.splitlines()
+                assert [line.split()[0] for line in out] == ["stage-01", "stage-02"]
+                return "running" in out[1]
+
+            wait_until("the list shows it", listed_as_running)
         # without a router nobody is reached; the loop continues, and everything comes back
         run, before = stream.run, stream.next_seq
         with router(tmp_path, "router.json5", address):

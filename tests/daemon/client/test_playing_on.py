@@ -30,7 +30,7 @@ SHARE = 0.9  # of the reach
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Bench]:
-    bench = Bench(tmp_path)
+    bench = Bench(tmp_path, **{"stale_s = 1.0": "stale_s = 6.0"})  # a gateway may start slowly
     bench.start_gateway()
     yield bench
     bench.close()

@@ -5,7 +5,6 @@ import csv
 import os
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from concurrent.futures import Future
 from pathlib import Path
@@ -16,7 +15,7 @@ import pytest
 from tests.rigs.gateway_bench import ROOT, Bench, environment, wait_until
 
 from dehyst.daemon.client.client import Client, Refusal
-from dehyst.daemon.client.positioner import Positioner, _Going
+from dehyst.daemon.client.positioner import Positioner, _Going, _Stops
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.models.errors import BadInput, DehystError, NotNow
 
@@ -118,7 +117,7 @@ def test_one_that_another_process_made_says_so_and_waits_for_nothing() -> None:
     """A positioner that a forked child inherits refuses every call at once, because none of its
     threads run there."""
     stage = Positioner.__new__(Positioner)
-    stage._process, stage._stopping = os.getppid(), threading.Event()
+    stage._process, stage._stops = os.getppid(), _Stops()
     for ask in (lambda: stage.go(4.0), stage.read, stage.stop):
         with pytest.raises(NotNow, match=r"before the process was forked.*make a new Positioner"):
             ask()
@@ -168,6 +167,14 @@ def test_a_flight_brings_every_sample_and_a_stop_ends_it(rig: Bench, stage: Posi
     stage.stop()
     with pytest.raises(NotNow, match="stopped"):
         long.result(30)
+
+
+def test_a_stop_ends_a_flight_that_waits_for_its_turn(stage: Positioner) -> None:
+    t_s = np.linspace(0.0, 30.0, 301)
+    long = stage.fly(t_s, np.linspace(5.0, 6.0, 301))  # the positioner's thread is in a turn
+    stage.stop()
+    with pytest.raises(NotNow, match="stopped"):
+        long.result(0)
 
 
 def test_bluesky_runs_a_scan_and_a_flight(stage: Positioner) -> None:

@@ -131,13 +131,13 @@ def test_record_beside_a_gateway_that_knows_no_loop_yet(tmp_path: Path, model: P
         path = tmp_path / "rec.csv"
         record = ("record", "-o", str(path), "--connect", f"tcp/127.0.0.1:{service.port}")
         process = dehyst(*record)
-        try:
-            process.communicate(timeout=4.0)
-        except subprocess.TimeoutExpired:
-            process.send_signal(signal.SIGINT)
+        assert process.stderr is not None
+        assert "is starting; waiting until it is ready" in process.stderr.readline()
+        with pytest.raises(subprocess.TimeoutExpired):  # it goes on waiting
+            process.wait(1.0)
+        process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=30.0)
         assert process.returncode == 130
-        assert "is starting; waiting until it is ready" in said
         assert said.rstrip().endswith("interrupted")
         assert not path.exists()
         process = dehyst(*record, "--for", "1")

@@ -82,7 +82,12 @@ def test_the_status_says_where_the_stage_is(shared: Bench) -> None:
         return at.target == 4.0 and abs(at.measured - 4.0) < 0.5
 
     wait_until("the stage is there", there)
+    client.send(4.0)  # the set-point becomes stale after a second
     newest = client.history(0.2)
     assert client.status().volts == pytest.approx(newest["volts"][-1], abs=0.5)
-    _, out, _ = run("status", bench=shared)
-    assert "target 4.0000 um, error" in out
+
+    def shown() -> bool:
+        client.send(4.0)
+        return "target 4.0000 um, error" in run("status", bench=shared)[1]
+
+    wait_until("the status shows it", shown)

@@ -9,6 +9,8 @@ import pytest
 from tests.daemon.commands.test_remote import run, trajectory
 from tests.rigs.gateway_bench import Bench, wait_until
 
+from dehyst.daemon.rings.records import State
+
 STALE_S, HOLD_S = 1.0, 0.2  # as on the bench
 
 
@@ -26,11 +28,12 @@ def staying(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
 
 def test_what_comes_next_is_said_and_comes(shared: Bench) -> None:
     shared.client()
+    begun = shared.loop.seq
     code, _, err = run("send", "4", bench=shared)
     assert code == 0
     assert "bench: holds for 1.2 s, then ramps to 0 V at 1000 V/s; --for S or --stay" in err
     client = shared.client()
-    wait_until("it holds", lambda: client.status().state == "holding")
+    wait_until("it holds", lambda: State.HOLDING in shared.loop.samples(begun)["state"])
     wait_until("it is down", lambda: client.status().volts == 0.0)
     assert "holds the output for 0.2 s" in run("send", "--stop", bench=shared)[2]
     assert "ramps to 0 V at 1000 V/s now" in run("send", "--release", bench=shared)[2]

@@ -39,8 +39,7 @@ def test_every_sample_arrives_bit_for_bit(shared: Bench) -> None:
     written = shared.loop.samples(first)[: samples.size]
     assert written.tobytes() == samples.tobytes()
     history = client.history(seconds=0.5)
-    span_s = (history["scheduled_ns"][-1] - history["scheduled_ns"][0]) * 1e-9
-    assert 0.49 < span_s < 0.52
+    assert history.size == 100  # a late loop skips deadlines
     assert np.all(np.diff(history["seq"]) == 1)
     whole = client.history()
     assert whole["seq"][0] == 0
@@ -227,10 +226,12 @@ def test_a_trajectory_survives_a_killed_gateway(bench: Bench) -> None:
 def test_a_stop_by_another_ends_a_trajectory_with_the_reason(shared: Bench) -> None:
     client, other = shared.client(), shared.client()
     t_s = np.arange(0.0, 30.0, 0.005)
-    timer = threading.Timer(1.0, other.stop)
-    timer.start()
-    played = client.play(t_s, 5.0 + np.sin(t_s))
-    timer.join()
+
+    def look(at_s: float, _: float) -> None:
+        if at_s > 0.5:
+            other.stop()
+
+    played = client.play(t_s, 5.0 + np.sin(t_s), progress=look)
     assert not played.completed
     assert "stopped" in played.reason
     with pytest.raises(Refusal, match="cannot be reached"):
@@ -319,7 +320,7 @@ def test_sigterm_ends_it_and_systemd_is_reported(
     bench.kill_gateway(signal.SIGINT)
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / "notify"))
-        manager.settimeout(10.0)
+        manager.settimeout(60.0)
         env = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
         env |= {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "400000"}
         env.pop("WATCHDOG_PID", None)

@@ -221,9 +221,13 @@ def exposed(page: PageProcess) -> dict[str, float]:
 def test_metrics_are_what_the_daemon_says(shared: Bench, shared_page: PageProcess) -> None:
     client = shared.client()
     wait_until("it is heard", lambda: exposed(shared_page).get(f"dehyst_up{{{HERE}}}") == 1.0)
-    client.send(4.0)
     running = f'dehyst_state{{{HERE},dehyst_state="running"}}'
-    wait_until("it runs", lambda: exposed(shared_page)[running] == 1.0)
+
+    def runs() -> bool:
+        client.send(4.0)  # it becomes stale after a second
+        return exposed(shared_page)[running] == 1.0
+
+    wait_until("it runs", runs)
     found, status = exposed(shared_page), client.status()
     states = {k: v for k, v in found.items() if k.startswith("dehyst_state{")}
     assert sum(states.values()) == 1.0

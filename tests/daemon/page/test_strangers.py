@@ -177,7 +177,8 @@ def test_500_connections_that_say_nothing_cost_nobody_anything(
         many = []
         for _ in range(500):
             one = held.enter_context(socket.socket())
-            one.bind((source, 0))
+            if source != "127.0.0.1":  # bound ports are of those that other tests take as free
+                one.bind((source, 0))
             one.connect(("127.0.0.1", page.port))
             one.sendall(HEADS[head])
             many.append(one)

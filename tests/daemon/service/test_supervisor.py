@@ -121,10 +121,12 @@ def test_systemd_is_asked_for_time_while_core_and_safe_ramp(
             said.clear()
             process.send_signal(signal.SIGTERM)
             begun = time.monotonic()
-            assert process.wait(60.0) == 0
+            down = lambda: abs(service.rings.last()["volts"] - SAFE_V) < 0.01  # noqa: E731
+            until(lambda: down() or process.poll() is not None, 60.0, "the ramp is over")
             took = time.monotonic() - begun
+            assert process.wait(60.0) == 0
         assert hear().count("EXTEND_TIMEOUT_USEC=15000000") >= took - 1.5  # repeated each second
-        assert "STOPPING=1" in said[0]
+        assert "STOPPING=1" in next(one for one in said if "EXTEND_TIMEOUT_USEC" in one)
         with core(service.config) as process:
             service.high()
             process.kill()
@@ -277,9 +279,8 @@ def test_a_storm_of_sighups_takes_one_thread_and_few_reloads(service: Service) -
     pid = service.core_pid()
     service.high()
     threads = len(list(Path(f"/proc/{pid}/task").iterdir()))
-    most, sent = 0, 0
-    end = time.monotonic() + 4.0
-    while time.monotonic() < end:
+    most, sent, begun = 0, 0, time.monotonic()
+    while time.monotonic() < begun + 4.0 or sent <= 100:
         os.kill(pid, signal.SIGHUP)
         sent += 1
         most = max(most, len(list(Path(f"/proc/{pid}/task").iterdir())))
@@ -287,10 +288,10 @@ def test_a_storm_of_sighups_takes_one_thread_and_few_reloads(service: Service) -
             service.hold_high()
         time.sleep(0.01)
     time.sleep(1.5)
-    assert sent > 100
+    lasted_s = time.monotonic() - begun
     assert most <= threads + 2  # one for the reload, one that a library may start
     reloads = service.rings.events().count("model reloaded")
-    assert 1 <= reloads <= 7  # in 5.5 s, with a second's rest after each
+    assert 1 <= reloads <= lasted_s + 1.5  # with a second's rest after each
     records = service.rings.read("telemetry")
     assert (records["state"] != State.FAULT).all()
 

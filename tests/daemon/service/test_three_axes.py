@@ -178,7 +178,8 @@ def test_the_death_of_the_core_brings_every_output_to_its_own_safe_voltage(stage
         os.kill(pid, signal.SIGKILL)
         until(stage.safe, 60.0, f"all outputs are safe\n{stage.words()}")
         for axis, volts in SAFE_V.items():
-            assert f"output of stage-1-{axis} at {volts:.3f} V" in stage.words()
+            text = f"output of stage-1-{axis} at {volts:.3f} V"
+            until(lambda text=text: text in stage.words(), 20.0, text)
         until(lambda: stage.core_pid() != pid, 120.0, "a new loop")
         with pytest.raises(Refusal):  # nothing that was commanded before resumes by itself
             group["x"].chunk(5, 3, np.array([0, 20_000_000]), np.array([6.0, 6.1]), True)

@@ -125,7 +125,7 @@ def test_gauge_faults(rig: Rig) -> None:
 
 
 def test_amplifier_faults(rig: Rig) -> None:
-    rig.ask(amplifier={"hang": True}, for_s=0.4)
+    rig.ask(amplifier={"hang": True}, for_s=2.0)
     with pytest.raises(DriverError):
         rig.amplifier.write(30.0)
     until(lambda: not rig.bench.amplifier.unit.faults.hang)

@@ -94,6 +94,7 @@ def test_all_three_in_one_command_where_the_firmware_can(
         assert x.output() == 11.0
 
 
+@pytest.mark.timing
 def test_the_rate_is_that_of_the_outputs_that_are_driven(tmp_path: Path) -> None:
     """At 4 ms per command: one output, two in sequence, three in one command or in sequence. The
     best of three attempts counts, since a busy machine slows some down."""

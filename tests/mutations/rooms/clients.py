@@ -57,6 +57,13 @@ CHANGES = [
             ),
         ),
         Change(
+            "stop-before-the-flight",
+            POSITIONER,
+            "self._fly(client, times, targets, before, future)",
+            "self._fly(client, times, targets, self._stops.count, future)",
+            "a stop straight after a flight was requested is forgotten, and the flight is flown",
+        ),
+        Change(
             "there-without-a-reading",
             POSITIONER,
             '            near &= np.isfinite(samples["measured"])\n',

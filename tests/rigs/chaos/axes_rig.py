@@ -33,7 +33,6 @@ from tests.rigs.output import check_range, check_speed, during
 from dehyst.daemon.rings.records import Flag, State
 
 AXES, RESTING, REST_V = "xyz", "z", 30.0
-LASTS_S = 1200.0  # one trajectory: it outlasts every row
 MOST_UM_PER_S = 20.0  # of the trajectory's target: 17.3, rounded up
 CALM_NS = 3_000_000_000  # a client that has to start again has done so by then
 MOST_SILENT_S = 0.5  # between two moves of an undisturbed channel, on a busy machine
@@ -76,7 +75,6 @@ class AxesRig(Rig):
     name = "chaos-x"
     commanded = ("chaos-x", "chaos-y")
     axes = AXES
-    lasts_s = LASTS_S
     bench_options = ("--axes", "3")
 
     def __init__(self, folder: Path, models: dict[str, Path], on_fault: str = "ramp") -> None:
@@ -117,7 +115,7 @@ class AxesRig(Rig):
     def start_beside(self) -> None:
         """Start the client that commands y."""
         script = str(ROOT / "tests" / "rigs" / "chaos" / "mover.py")
-        command = [sys.executable, script, self.address, "chaos-y", str(LASTS_S)]
+        command = [sys.executable, script, self.address, "chaos-y", str(self.lasts_s)]
         self.beside = self._start(command, "beside")
 
     def end_beside(self) -> None:

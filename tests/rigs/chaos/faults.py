@@ -148,9 +148,12 @@ def check_glide(rig: Rig, stop: Callable[[], None]) -> None:
     step is larger than the ramp's plus what the trajectory itself needs.
 
     Repeated if there was nothing to glide: the trajectory happened to return to its earlier place,
-    or the mover had given it up and begun another one, which is approached.
+    or the mover had given it up and begun another one, which is approached. The pause differs from
+    attempt to attempt: every 3.2 s two of the trajectory's three waves are where they were.
     """
-    for _ in range(16):
+    why = []
+    for attempt in range(16):
+        time.sleep(0.37 * (attempt % 4))
         rig.until_running()
         played = rig.status().trajectory
         stop()
@@ -160,11 +163,12 @@ def check_glide(rig: Rig, stop: Callable[[], None]) -> None:
         samples = rig.samples()
         samples = samples[samples["scheduled_ns"] >= resumed_ns]
         goes_on = rig.status().trajectory == played  # a glide is flagged as an approach, too
+        why.append((np.unique(samples["state"]), goes_on, samples[:1][["target", "measured"]]))
         if np.unique(samples["state"]).tolist() == [State.RUNNING] and goes_on:
             rig.check_steps(RAMP / RATE_HZ, MOVER_V_PER_S, resumed_ns - 20 * STEP_NS)
             if abs(samples["target"][0] - samples["measured"][0]) > 1.5:
                 return
-    raise AssertionError("the trajectory had never gone far while the loop stood still")
+    raise AssertionError(f"the trajectory had never gone far while the loop stood still: {why}")
 
 
 def stop_core(rig: Rig, seconds: float = 2.0, silent_s: float = 4.0) -> str:
@@ -276,6 +280,7 @@ def readback(rig: Rig) -> str:
 
 def sensor_stuck(rig: Rig, seconds: float = 6.0) -> str:
     """sensor stuck"""
+    until(lambda: not rig.status().gateway.mismatch, 40.0, "the watch reports no mismatch")
     rig.bench_order(fault="stuck", for_s=seconds)
     rig.until_event("has not changed", seconds + 5.0)
     until(lambda: rig.flags() & Flag.MISMATCH, 5.0, "the mismatch flag")
@@ -301,10 +306,10 @@ def sensor_range(rig: Rig) -> str:
 
 def sensor_late(rig: Rig, late_s: float = 0.04) -> str:
     """sensor answers late"""
+    before = rig.status().missed_by.get("driver_io", 0)
     rig.bench_order(fault="late", late_s=late_s, for_s=1.0)
     until(lambda: rig.flags() & Flag.MISSED, 10.0, "missed deadlines")
-    time.sleep(1.0)
-    assert rig.status().missed_by.get("driver_io", 0) > 0
+    until(lambda: rig.status().missed_by.get("driver_io", 0) > before, 10.0, "counted there")
     return "missed deadlines counted under driver_io"
 
 

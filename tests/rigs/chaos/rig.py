@@ -148,7 +148,7 @@ class Rig:
     commanded: tuple[str, ...] = (name,)
     axes = ""
     port_name = "mdt693b"  # the amplifier's port on the bench
-    lasts_s = 30.0  # length of one trajectory of the mover
+    lasts_s = 1200.0  # length of one trajectory of the mover: longer than every fault
     bench_options: tuple[str, ...] = ()
 
     def __init__(self, folder: Path, model: Path, on_fault: str = "ramp") -> None:
