@@ -38,7 +38,10 @@ CODES = {
     "order": RefusalCode("a chunk or time stamp out of order"),
     "dense": RefusalCode("points closer than the loop's period"),
     "span": RefusalCode("one chunk spans more than the daemon accepts ahead"),
-    "over": RefusalCode("this trajectory has ended or was withdrawn"),
+    "over": RefusalCode(
+        "this trajectory has ended or was withdrawn, or another client has stopped the stage since "
+        "this set-point was sent first"
+    ),
     "queue-full": RefusalCode("more trajectory ahead than the daemon accepts", waits=True),
     "stay": RefusalCode("the configuration does not allow keeping a position without a client"),
     "no-offer": RefusalCode("no such offer, or it cannot be accepted now"),

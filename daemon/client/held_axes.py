@@ -15,6 +15,7 @@ import queue
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -27,6 +28,7 @@ from dehyst.daemon.client.group import Group
 from dehyst.daemon.client.player import PATIENCE_S
 from dehyst.daemon.client.positioner import POLL_S, REPEATS, SHARE
 from dehyst.daemon.client.readings import model_place
+from dehyst.daemon.client.stops import Stopped, Stops
 from dehyst.daemon.client.telemetry import TelemetryStream
 from dehyst.daemon.closing import Closing
 from dehyst.models.errors import BadInput, DehystError, NotNow
@@ -83,7 +85,8 @@ class HeldAxes(Closing):
         self._held: dict[str, float] = {}
         self._near_since_ns: dict[str, int] = {}
         self._repeat_ns = self._asked_ns = self._silent_since_ns = 0
-        self._stopping = threading.Event()
+        self._stops, self._heeded = Stops(), 0
+        self._taken = False  # without a target: the lease is renewed all the same
         self._stopper = connect()
         ready: Future[None] = Future()
         self._thread = threading.Thread(target=self._live, args=(connect, ready), daemon=True)
@@ -105,11 +108,13 @@ class HeldAxes(Closing):
     def go(self, targets: Mapping[str, float]) -> None:
         """Go to a target per axis and stay; return when the daemon has accepted all of them. Raises
         BadInput outside the reach (nothing is sent), Refusal, NotNow."""
-        self._call(lambda group: self._go(group, dict(targets)))
+        before = self._stops.count
+        self._call(lambda group: self._go(group, dict(targets), before))
 
     def take(self) -> None:
-        """Take the command lease without moving. Raises Refusal if another client holds it."""
-        self._call(lambda group: group.acquire())
+        """Take the command lease without moving, and keep it. Raises Refusal if another client
+        holds it."""
+        self._call(self._take)
 
     def fly(self, t_s: ArrayLike, targets: Mapping[str, ArrayLike], repeat: int = 1) -> None:
         """Start a trajectory, (n,) times [s] and (n,) targets per axis, played `repeat` times (0:
@@ -119,8 +124,9 @@ class HeldAxes(Closing):
         begun: Future[None] = Future()
         for axis, of_axis in values.items():
             self._check_reach(axis, float(of_axis.min()), float(of_axis.max()))
-        self._jobs.put(lambda group: self._fly(group, t, values, repeat, begun))
-        begun.result(ANSWER_S)
+        before = self._stops.count
+        self._jobs.put(lambda group: self._fly(group, t, values, repeat, before, begun))
+        _wait_for(begun)
 
     def stop(self) -> None:
         """Stop all axes at once; they then stay where the model predicts them to be."""
@@ -134,7 +140,7 @@ class HeldAxes(Closing):
 
     def close(self) -> None:
         """Release the axes and close the connections. Safe to call twice."""
-        self._stopping.set()
+        self._stops.add()
         self._jobs.put(None)
         self._thread.join()
         with self._stop_lock:
@@ -143,14 +149,22 @@ class HeldAxes(Closing):
     # -- the thread ------------------------------------------------------------------------------
 
     def _stop_now(self) -> None:
-        self._stopping.set()
-        with self._stop_lock:
-            self._stopper.stop()
+        """Stop all axes. An axis whose stop was not answered is not kept any longer."""
+        self._stops.add()
+        try:
+            with self._stop_lock:
+                self._stopper.stop()
+        except DehystError as error:
+            why = f"a stop was not answered: {error}"
+            self._jobs.put(lambda _: self._lose(why))
+            raise
 
     def _call(self, job: Callable[[Group], None]) -> None:
         done: Future[None] = Future()
 
         def guarded(group: Group) -> None:
+            if not done.set_running_or_notify_cancel():
+                return  # its caller was told that it failed
             try:
                 job(group)
             except Exception as error:  # the caller gets it through the future
@@ -161,10 +175,7 @@ class HeldAxes(Closing):
         if not self._thread.is_alive():
             raise NotNow("the connection to the controller is closed")
         self._jobs.put(guarded)
-        try:
-            done.result(ANSWER_S)
-        except TimeoutError:
-            raise NotNow(f"the controller did not answer within {ANSWER_S:g} s") from None
+        _wait_for(done)
 
     def _live(self, connect: Callable[[], Group], ready: "Future[None]") -> None:
         try:
@@ -174,7 +185,8 @@ class HeldAxes(Closing):
             return
         with group:
             try:
-                self._stale_s = min(c.config().setpoint.stale_s for c in group.clients.values())
+                configs = [c.config().setpoint for c in group.clients.values()]
+                self._stale_s = min(min(one.stale_s, one.lease_s) for one in configs)
                 self._streams = {axis: c.stream() for axis, c in group.clients.items()}
                 self._ask(group)
             except BaseException as error:
@@ -183,7 +195,8 @@ class HeldAxes(Closing):
             ready.set_result(None)
             while self._turn(group):
                 pass
-            self._stop_now()
+            with suppress(DehystError):
+                self._stop_now()
 
     def _turn(self, group: Group) -> bool:
         """Run one turn of the thread; return False when it should end."""
@@ -231,15 +244,24 @@ class HeldAxes(Closing):
 
     def _lose(self, why: str) -> None:
         for axis in self._held:
-            self._change(axis, lost=why, moving=False)
+            self._change(axis, lost=why, moving=False, on_target=False, flying=False)
         self._held.clear()
+        self._taken = False
 
     def _stay(self, group: Group) -> None:
-        """Repeat the set-points before they expire."""
+        """Repeat the set-points before they expire, unless a stop has just been requested; without
+        set-points, renew the lease."""
         now_ns = clock.monotonic_ns()
-        if self._held and now_ns >= self._repeat_ns and not self._stopping.is_set():
+        if now_ns < self._repeat_ns or self._stops.count != self._heeded:
+            return
+        if self._held:
             group.send(self._held, allow_unreachable=True)  # checked before; the model may change
-            self._repeat_ns = now_ns + round(self._stale_s / REPEATS * clock.NS)
+        elif self._taken:
+            for client in group.clients.values():
+                client.renew()
+        else:
+            return
+        self._repeat_ns = now_ns + round(self._stale_s / REPEATS * clock.NS)
 
     def _check_reach(self, axis: str, low: float, high: float) -> None:
         view = self.look()[axis]
@@ -251,12 +273,28 @@ class HeldAxes(Closing):
                 f"the range is {view.low:g} to {view.high:g}"
             )
 
-    def _go(self, group: Group, targets: dict[str, float]) -> None:
+    def _take(self, group: Group) -> None:
+        group.acquire()
+        self._taken = True
+        for axis in group.clients:
+            self._change(axis, lost="", **({} if axis in self._held else {"asked": np.nan}))
+
+    def _go(self, group: Group, targets: dict[str, float], before: int) -> None:
+        """Send targets. before: how many stops had been requested when they were."""
         for axis, value in targets.items():
             self._check_reach(axis, value, value)
-        self._stopping.clear()
+        self._check_stopped(before)
+        group.acquire()  # this is no repetition of a set-point that another client has stopped
         group.send(targets)
         self._hold(targets)
+
+    def _check_stopped(self, before: int) -> None:
+        """Raise NotNow if a stop was requested since there were `before`."""
+        try:
+            self._stops.check(before)
+        except Stopped:
+            raise NotNow("it was stopped") from None
+        self._heeded = before
 
     def _hold(self, targets: Mapping[str, float]) -> None:
         for axis, value in targets.items():
@@ -267,7 +305,7 @@ class HeldAxes(Closing):
 
     def _stay_here(self, group: Group) -> None:
         """Hold the axes that were held at the position that the model now predicts."""
-        self._stopping.clear()
+        self._heeded = self._stops.count
         self._listen(POLL_S)
         here = {
             axis: float(np.clip(view.predicted, view.low, view.high))
@@ -278,11 +316,21 @@ class HeldAxes(Closing):
         for axis in here:
             self._change(axis, flying=False)
         if here:
-            group.send(here, allow_unreachable=True)
+            try:
+                group.acquire()  # the stop was sent by another connection
+                group.send(here, allow_unreachable=True)
+            except DehystError as error:
+                for axis in here:
+                    self._change(axis, lost=str(error), moving=False, on_target=False)
+                raise
             self._hold(here)
 
     def _let_go(self, group: Group) -> None:
+        """Give up the lease: the axes have no target any more."""
+        self._heeded = self._stops.count
         self._lose("")
+        for axis in group.clients:
+            self._change(axis, asked=np.nan, lost="")
         for client in group.clients.values():
             client.give_up()
 
@@ -327,12 +375,17 @@ class HeldAxes(Closing):
         t_s: NDArray[np.float64],
         values: dict[str, NDArray[np.float64]],
         repeat: int,
+        before: int,
         begun: "Future[None]",
     ) -> None:
-        self._stopping.clear()
+        """Play a trajectory to its end or to the next stop. before: how many stops had been
+        requested when the trajectory was."""
+        if not begun.set_running_or_notify_cancel():
+            return  # its caller was told that it failed
         others = {axis: value for axis, value in self._held.items() if axis not in values}
 
         def look(*_: Any) -> None:
+            self._stops.check(before)
             if not begun.done():
                 for axis in values:
                     self._held[axis] = float(values[axis][-1])
@@ -345,13 +398,17 @@ class HeldAxes(Closing):
 
         why = ""
         try:
+            self._check_stopped(before)
             played = group.play(t_s, values, progress=look, repeat=repeat)
             why = next((p.reason for p in played.values() if not p.completed), "")
+        except Stopped:
+            if not begun.done():
+                begun.set_exception(NotNow("it was stopped"))
         except Exception as error:
             if not begun.done():
                 begun.set_exception(error)
             why = str(error)
-        if self._stopping.is_set():
+        if self._stops.count != before:
             self._stay_here(group)
             return
         for axis in values:
@@ -367,3 +424,19 @@ class HeldAxes(Closing):
 
     _streams: dict[str, TelemetryStream]
     _stale_s: float
+
+
+def _wait_for(done: "Future[None]") -> None:
+    """Wait for the answer to a request. Raises its exception; NotNow where there is no answer, and
+    what waits for its turn until then is not done any more."""
+    try:
+        done.result(ANSWER_S)
+        return
+    except TimeoutError:
+        late = f"the controller did not answer within {ANSWER_S:g} s"
+        if done.cancel():
+            raise NotNow(f"{late}; it was not done") from None
+    try:
+        done.result(ANSWER_S)  # it has begun
+    except TimeoutError:
+        raise NotNow(late) from None

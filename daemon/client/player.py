@@ -148,12 +148,14 @@ def _play_together(
                 _stop_others(players, ended)
                 return [p.result(e) for p, e in zip(players, _reasons(ended), strict=True)]
     except KeyboardInterrupt:
-        for player in players:
-            player.client.stop()
+        _stop_all(players, patience_s)
         if first.points.total is None:  # an interrupt is the regular end of an endless trajectory
             for player in players:
                 player.tracking.expected = player.tracking.samples
             return [player.result("") for player in players]
+        raise
+    except BaseException:  # of a callback, for instance: what was sent ahead is not played
+        _stop_begun(players)
         raise
     finally:
         for player, patience in zip(players, patience_s, strict=True):
@@ -168,6 +170,19 @@ def _send_due(players: "Sequence[Player]", now_ns: int) -> None:
     for player in players:
         if now_ns >= player.due_ns and not player.silent_too_long(now_ns):
             player.send(now_ns)
+
+
+def _stop_all(players: "Sequence[Player]", patience_s: Sequence[float]) -> None:
+    """Stop every axis, each with its own patience. Raises the first error once all were asked."""
+    errors = []
+    for player, patience in zip(players, patience_s, strict=True):
+        player.client.patience_s = patience
+        try:
+            player.client.stop()
+        except DehystError as error:
+            errors.append(error)
+    if errors:
+        raise errors[0]
 
 
 def _stop_begun(players: "Sequence[Player]") -> None:

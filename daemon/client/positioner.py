@@ -17,7 +17,8 @@ import queue
 import threading
 import weakref
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -27,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from dehyst.daemon import clock
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.client.readings import Flight, Reading, mean_of, model_place
+from dehyst.daemon.client.stops import Stopped, Stops
 from dehyst.daemon.client.telemetry import NOTHING, TelemetryStream
 from dehyst.daemon.client.tracking import Tracking
 from dehyst.daemon.closing import Closing
@@ -43,23 +45,6 @@ WORDS = {
 NOISES = 3.0  # standard errors of the mean that are attributed to noise
 SHARE = 0.002
 """Default tolerance as a fraction of the reach."""
-
-
-class _Stopped(Exception):
-    """Raised in a callback to end the trajectory."""
-
-
-class _Stops:
-    """Counts the requested stops: a flight ends when one was requested after the flight was,
-    whether it has begun or still waits for its turn."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def add(self) -> None:
-        """Count one more; from any thread. Of two at once one may be lost, and the count differs
-        all the same."""
-        self.count += 1
 
 
 @dataclass
@@ -117,7 +102,7 @@ class Positioner(Closing):
         self._held: float | None = None
         self._repeat_ns = 0
         self._wall_offset_ns = 0
-        self._stops = _Stops()
+        self._stops = Stops()
         ready: Future[tuple[str, str, tuple[float, float], float, float]] = Future()
         make = connect if connect is not None else lambda: Client(label="positioner")
         self._thread = threading.Thread(target=self._live, args=(make, ready), daemon=True)
@@ -174,7 +159,7 @@ class Positioner(Closing):
             try:
                 job(client)
             except Exception as error:  # the caller gets it through the future
-                future.set_exception(error)
+                _settle(future, error=error)
 
         if os.getpid() != self._process:
             raise NotNow(
@@ -241,6 +226,7 @@ class Positioner(Closing):
 
     def _begin_going(self, client: Client, value: float, future: "Future[Reading]") -> None:
         self._leave("another position was requested")
+        client.acquire()  # this is no repetition of a set-point that another client has stopped
         client.send(value)
         now_ns = clock.monotonic_ns()
         self._held, self._repeat_ns = value, now_ns
@@ -285,7 +271,7 @@ class Positioner(Closing):
                 *(self.name, going.value, self.unit, self.by, there.error, self.unit),
                 *(self.tolerance, self.unit),
             )
-        going.future.set_result(replace(there, by=self.by, agrees=agrees))
+        _settle(going.future, replace(there, by=self.by, agrees=agrees))
 
     def _collect(self, samples: NDArray[Any]) -> None:
         for one in list(self._collecting):
@@ -295,7 +281,7 @@ class Positioner(Closing):
                 self._collecting.remove(one)
                 whole = np.concatenate(one.parts)
                 until = whole["scheduled_ns"] - first <= max(one.seconds, 0.0) * clock.NS
-                one.future.set_result(mean_of(whole[until], self._wall_offset_ns))
+                _settle(one.future, mean_of(whole[until], self._wall_offset_ns))
 
     def _look_at_the_clock(self) -> None:
         now_ns = clock.monotonic_ns()
@@ -307,7 +293,7 @@ class Positioner(Closing):
             )
         for one in [one for one in self._collecting if now_ns > one.end_ns]:
             self._collecting.remove(one)
-            one.future.set_exception(NotNow("no telemetry arrived"))
+            _settle(one.future, error=NotNow("no telemetry arrived"))
 
     def _fly(
         self,
@@ -324,8 +310,7 @@ class Positioner(Closing):
         parts: list[NDArray[Any]] = []
 
         def look(*_: Any) -> None:
-            if self._stops.count != stops:
-                raise _Stopped
+            self._stops.check(stops)
 
         def take(samples: NDArray[Any]) -> None:
             parts.append(samples)
@@ -335,7 +320,7 @@ class Positioner(Closing):
         try:
             look()
             played = client.play(t_s, value, progress=look, on_samples=take)
-        except _Stopped:
+        except Stopped:
             client.stop()
             raise NotNow("the trajectory was stopped") from None
         finally:
@@ -345,31 +330,41 @@ class Positioner(Closing):
         if played.completed:
             self._held, self._repeat_ns = float(value[-1]), 0
         wall_ns = samples["scheduled_ns"] + self._wall_offset_ns
-        future.set_result(Flight(played, samples, wall_ns * 1e-9))
+        _settle(future, Flight(played, samples, wall_ns * 1e-9))
 
     def _stop(self, client: Client, done: "Future[None]") -> None:
         self._held = None
-        self._leave("it was stopped")
         client.stop()
-        done.set_result(None)
+        self._leave("it was stopped")
+        _settle(done)
 
     def _leave(self, why: str) -> None:
         if self._going is not None:
             going, self._going = self._going, None
-            going.future.set_exception(NotNow(f"{going.value:g} {self.unit} not reached: {why}"))
+            why = f"{going.value:g} {self.unit} not reached: {why}"
+            _settle(going.future, error=NotNow(why))
 
     def _fail(self, why: str) -> None:
         """Fail all pending futures with `why`."""
         self._leave(why)
         for one in self._collecting:
-            one.future.set_exception(NotNow(why))
+            _settle(one.future, error=NotNow(why))
         self._collecting = []
 
     _stream: TelemetryStream
 
 
+def _settle(future: "Future[Any]", result: Any = None, error: BaseException | None = None) -> None:
+    """Set a future's result or exception, unless its owner has cancelled it."""
+    with suppress(InvalidStateError):
+        if error is not None:
+            future.set_exception(error)
+        else:
+            future.set_result(result)
+
+
 def _end(
-    stops: _Stops,
+    stops: Stops,
     jobs: "queue.SimpleQueue[Any]",
     thread: threading.Thread,
     process: int,

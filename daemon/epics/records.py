@@ -16,6 +16,7 @@ from typing import Any
 from caproto import AlarmSeverity, AlarmStatus, ChannelType
 from caproto.server import PVGroup, pvproperty
 
+from dehyst.daemon import clock
 from dehyst.daemon.client.held_axes import AxisView, HeldAxes
 from dehyst.daemon.client.telemetry import StatusFeed
 from dehyst.daemon.epics.profile import move_profile
@@ -25,7 +26,7 @@ log = logging.getLogger(__name__)
 UPDATE_S = 0.1
 """Update interval of the monitors [s], for people and archivers; scans use completion."""
 DONE_S = 120.0
-"""Time [s] after which a move that is not on target fails at the client."""
+"""Time [s] after the end of a move's path after which it fails at the client if it is not on target."""
 MONITORS_S = 0.05
 """How long a put's completion waits for the monitors of the same update [s], which another task of
 the server sends in batches of 10 ms: a client that received the completion first would still read
@@ -77,17 +78,20 @@ class AxisRecords(PVGroup):
         await self._run(self._begin, float(value))
         await instance.write(float(value), verify_value=False)
         await self._field("DMOV", 0)
-        for _ in range(round(DONE_S / UPDATE_S)):
+        end_ns = clock.monotonic_ns() + round(DONE_S * clock.NS)
+        while True:
             view = self._view()
+            if view.flying:  # a path lasts as long as its velocity says
+                end_ns = clock.monotonic_ns() + round(DONE_S * clock.NS)
             if self._move != mine:
                 return float(instance.value)
             if view.lost:
                 raise RuntimeError(view.lost)
             if view.on_target and not view.flying:
                 break
+            if clock.monotonic_ns() > end_ns:
+                raise TimeoutError(f"not on target within {DONE_S:g} s")
             await asyncio.sleep(UPDATE_S / 4)
-        else:
-            raise TimeoutError(f"not on target within {DONE_S:g} s")
         await self._update()
         await asyncio.sleep(MONITORS_S)
         return float(value)
@@ -115,7 +119,8 @@ class AxisRecords(PVGroup):
         if value:
             self._move += 1
             await self._run(self._axes.stop)
-            await self.motor.write(self._view().asked, verify_value=False)
+            if math.isfinite(at := self._view().asked):
+                await self.motor.write(at, verify_value=False)
         return 0
 
     # -- monitors -------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from dehyst.daemon.gateway.in_play import InPlay
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.gateway.loop_records import NOTHING, make_records
 from dehyst.daemon.gateway.trajectory import NewPoints, PassedOn, TrajectoryProgress, Values
-from dehyst.daemon.rings.records import LoopCommand
+from dehyst.daemon.rings.records import LoopCommand, State
 
 DecideOffer = Callable[[str, int], str]
 """Takes (action, number of the offer); returns why not, in words, or "" if it is being done."""
@@ -45,6 +45,8 @@ class Admission:
         self.begun = InPlay()
         self._trajectory, self._queue = TrajectoryProgress(), PassedOn(queue_s)
         self._room = 0
+        self._repeated: tuple[str, float] | None = None
+        self._stopped_by_another = False
 
     def resume(self, newest: NDArray[np.void]) -> None:
         """Restore what an earlier gateway has passed on, from the (0,) or (1,) newest POINT record
@@ -160,6 +162,7 @@ class Admission:
             np.array([command.value]), command.unit, command.allow_unreachable, InPlay()
         )
         self._check_stay(command.stay)
+        self._check_repeated("setpoint", command.value)
         self.lease.sequence = command.sequence
         self.lease.renew(now_ns, command.sent_ns)
         self._end_trajectory("a set-point replaced it")
@@ -254,6 +257,15 @@ class Admission:
             )
         return make_records(LoopCommand.ZERO, command.client, value=np.array([command.value]))
 
+    def _check_repeated(self, action: str, value: float) -> None:
+        """Raise NotAdmitted if another client has stopped the stage and this is the command before,
+        repeated by a program that does not know of it."""
+        if self._stopped_by_another and self._repeated == (action, value):
+            raise NotAdmitted(
+                "over", "another client has stopped the stage; acquire the lease to command it anew"
+            )
+        self._repeated, self._stopped_by_another = (action, value), False
+
     def _check_stay(self, stay: bool) -> None:
         if stay and not self.may_stay:
             raise NotAdmitted(
@@ -265,6 +277,7 @@ class Admission:
     def _hold(self, command: Request) -> NDArray[np.void]:
         self.core.check_state(self._room)
         self._check_stay(command.stay)
+        self._check_repeated("hold", 0.0)
         self._end_trajectory("its stage is held where it is")
         records = make_records(LoopCommand.HOLD, command.client)
         records["last"] = command.stay
@@ -292,6 +305,7 @@ class Admission:
         lease, client = self.lease, command.client
         before = lease.client if lease.is_held(now_ns) else 0
         lease.give(now_ns, client, command.label, command.sent_ns, number)
+        self._stopped_by_another = False
         if before not in (0, client):
             self._end_trajectory("another client took over")
 
@@ -306,8 +320,16 @@ class Admission:
         if action in ("stop", "release"):  # needs the right to command, but no lease
             self.core.check(self._room)
             self._end_trajectory("it was stopped")
+            if action == "release" and self.core.state is State.FAULT:
+                raise NotAdmitted(
+                    "state",
+                    "a device has failed, so the output cannot be ramped now: release again once "
+                    "it is back",
+                )
             if lease.check(now_ns, client, command.lease):
                 lease.renew(now_ns, command.sent_ns)
+            else:
+                self._stopped_by_another = True
             return make_records(
                 LoopCommand.STOP_MOTION if action == "stop" else LoopCommand.RELEASE, client
             )

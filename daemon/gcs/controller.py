@@ -118,7 +118,7 @@ class GcsController:
 
     def asked(self, name: str) -> float:
         view = self.view_of(name)
-        return view.asked if np.isfinite(view.asked) else view.predicted
+        return view.asked if np.isfinite(view.asked) and not view.lost else view.predicted
 
     # -- motion ---------------------------------------------------------------------------------
 

@@ -57,8 +57,9 @@ class Commander:
         """Go to a set-point and stay there for `seconds`."""
 
         def task(client: Client, over: threading.Event) -> None:
-            if take_over:
-                client.take_over()
+            _take(client, take_over)
+            if over.is_set():
+                return
             client.send(value)
             config = self._watch.config or client.config()
             pause_s = min(config.setpoint.stale_s, config.setpoint.lease_s) / 4
@@ -76,8 +77,9 @@ class Commander:
         present voltage. target: NaN for none."""
 
         def task(client: Client, over: threading.Event) -> None:
-            if take_over:
-                client.take_over()
+            _take(client, take_over)
+            if over.is_set():
+                return
             config = self._watch.config or client.config()
             words = f"holding {target:g} {client.unit}"
             again: Callable[[], Reply] = partial(client.send, target)
@@ -112,6 +114,8 @@ class Commander:
 
             if take_over:
                 client.take_over()
+            if over.is_set():
+                return
             self._say(f"playing {name}", False)
             played = client.play(t_s, target, progress=progress)
             if played.completed:
@@ -146,6 +150,8 @@ class Commander:
                 holders = {one.gateway.lease_client for one in group.status().values()}
                 if take_over or holders <= {0, client.client, *mine}:
                     group.take_over()
+                if over.is_set():
+                    return
                 self._say(f"playing {name} on {', '.join(targets)}", False)
                 try:
                     played = group.play(t_s, dict(targets), progress=progress)
@@ -197,6 +203,7 @@ class Commander:
                 if not over.is_set():
                     client = client or Client(w.name, w.address, w.base, self._label, w.credentials)
                     self.number = client.client
+                if client is not None and not over.is_set():  # connecting may take seconds
                     task(client, over)
             except Ended as ended:
                 self._say(str(ended), False)
@@ -211,6 +218,15 @@ class Commander:
             if cut_short:
                 stop_own(client)
             client.close()
+
+
+def _take(client: Client, take_over: bool) -> None:
+    """Take the lease for a new command; it may repeat the one that another client has stopped.
+    Raises Refusal."""
+    if take_over:
+        client.take_over()
+    else:
+        client.acquire()
 
 
 def stop_own(client: Client) -> None:

@@ -15,7 +15,8 @@ import pytest
 from tests.rigs.gateway_bench import ROOT, Bench, environment, wait_until
 
 from dehyst.daemon.client.client import Client, Refusal
-from dehyst.daemon.client.positioner import Positioner, _Going, _Stops
+from dehyst.daemon.client.positioner import Positioner, _Going
+from dehyst.daemon.client.stops import Stops
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.models.errors import BadInput, DehystError, NotNow
 
@@ -117,7 +118,7 @@ def test_one_that_another_process_made_says_so_and_waits_for_nothing() -> None:
     """A positioner that a forked child inherits refuses every call at once, because none of its
     threads run there."""
     stage = Positioner.__new__(Positioner)
-    stage._process, stage._stops = os.getppid(), _Stops()
+    stage._process, stage._stops = os.getppid(), Stops()
     for ask in (lambda: stage.go(4.0), stage.read, stage.stop):
         with pytest.raises(NotNow, match=r"before the process was forked.*make a new Positioner"):
             ask()
@@ -167,6 +168,17 @@ def test_a_flight_brings_every_sample_and_a_stop_ends_it(rig: Bench, stage: Posi
     stage.stop()
     with pytest.raises(NotNow, match="stopped"):
         long.result(30)
+
+
+def test_a_future_that_its_owner_cancelled_ends_nothing(rig: Bench, stage: Positioner) -> None:
+    assert stage.go(6.0).cancel()
+    wait_until("it is on its way", lambda: rig.loop.samples(rig.loop.seq - 1)[-1]["target"] == 6.0)
+    stage.stop()
+    wait_until("it is stopped", lambda: np.isnan(rig.loop.samples(rig.loop.seq - 1)[-1]["target"]))
+    going = stage.go(5.0)
+    going.cancel()
+    assert stage.read(1.0).result(30).finite
+    assert stage.go(5.25).result(30).target == 5.25  # its thread lives
 
 
 def test_a_stop_ends_a_flight_that_waits_for_its_turn(stage: Positioner) -> None:

@@ -134,6 +134,39 @@ def test_anybody_may_stop_and_it_ends_the_trajectory(gate: Gate) -> None:
     assert gate.records["kind"].tolist() == [LoopCommand.RELEASE]
 
 
+def test_a_set_point_that_is_repeated_does_not_undo_the_stop_of_another(gate: Gate) -> None:
+    assert gate.setpoint(0, 2.5).ok
+    assert gate.setpoint(1, 2.5).ok
+    assert gate.request(1, "stop").ok
+    assert gate.setpoint(2, 2.5).ok  # it knows of its own stop
+    assert gate.request(2, "stop").ok
+    reply = gate.setpoint(3, 2.5)
+    assert (reply.code, gate.records.size) == ("over", 0)
+    assert "acquire" in reply.text
+    assert gate.setpoint(4, 3.0).ok  # a new one
+    assert gate.request(2, "release").ok
+    assert gate.setpoint(5, 3.0).code == "over"
+    assert gate.request(1, "acquire").ok
+    assert gate.setpoint(0, 3.0).ok
+
+
+def test_a_hold_that_is_repeated_does_not_cancel_the_ramp_of_another(gate: Gate) -> None:
+    assert gate.request(1, "hold").ok
+    assert gate.request(1, "hold").ok
+    assert gate.request(2, "release").ok
+    assert gate.request(1, "hold").code == "over"
+    assert gate.request(1, "acquire").ok
+    assert gate.request(1, "hold").ok
+
+
+def test_a_release_while_a_device_has_failed_is_not_said_to_ramp(gate: Gate) -> None:
+    gate.gate.core.state = State.FAULT
+    reply = gate.request(1, "release")
+    assert (reply.code, gate.records.size) == ("state", 0)
+    assert "release again once it is back" in reply.text
+    assert gate.request(1, "stop").ok
+
+
 @pytest.mark.parametrize("state", [State.START, State.FAULT, State.STOPPING])
 def test_states_that_follow_nothing(gate: Gate, state: State) -> None:
     gate.gate.core.state = state

@@ -238,6 +238,20 @@ def test_a_stop_by_another_ends_a_trajectory_with_the_reason(shared: Bench) -> N
         client.play(t_s, 100.0 + t_s)
 
 
+def test_a_callback_that_fails_stops_what_was_sent_ahead(shared: Bench) -> None:
+    client, t_s = shared.client(), np.arange(0.0, 30.0, 0.005)
+
+    def fail(at_s: float, _: float) -> None:
+        if at_s > 0.5:
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        client.play(t_s, 5.0 + np.sin(t_s), progress=fail)
+    begun = shared.loop.seq
+    wait_until("half a second passes", lambda: shared.loop.seq > begun + 100)
+    assert np.isnan(shared.loop.samples(shared.loop.seq - 1)[-1]["target"])
+
+
 def test_a_client_killed_in_mid_trajectory_ends_in_hold_and_ramp(
     shared: Bench, tmp_path: Path
 ) -> None:

@@ -90,7 +90,10 @@ def test_it_loads_and_what_it_shows_moves(window: Chromium) -> None:
     assert window.text("reach") == "reach, µm"
     assert "Hz" in window.text("deadlines")
     assert "operators" in window.text("model")
-    assert window.text("events").count("the loop runs") == 1  # from before the page connected
+    window.until(
+        "events from before it was connected", lambda: "the loop runs" in window.text("events")
+    )
+    assert window.text("events").count("the loop runs") == 1
     assert window.complaints() == []
 
 

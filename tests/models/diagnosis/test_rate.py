@@ -64,6 +64,7 @@ def test_loops_that_narrow_are_not_reported_as_rate() -> None:
     d = diagnosed(fading)
     assert next(f.name for f in d.findings if f.name != "shape") == "friction"
     assert "rate" not in {n for f in d.findings for n in (f.name, *f.ambiguous_with)}
+    assert not any("one row before" in words for words in d.data.says)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from tests.mutations.change import Change, room
 
-POSITIONER = "daemon/client/positioner.py"
+POSITIONER, HELD = "daemon/client/positioner.py", "daemon/client/held_axes.py"
 LEASE = """\
             if not self._lease:
                 self.acquire()
@@ -44,7 +44,45 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/daemon/client/test_held_axes.py",),
+        Change(
+            "a-queued-wave-outlives-a-stop",
+            HELD,
+            "self._fly(group, t, values, repeat, before, begun))",
+            "self._fly(group, t, values, repeat, self._stops.count, begun))",
+            "a wave that waits for its turn is not what a stop ends",
+        ),
+        Change(
+            "refused-and-done-later",
+            HELD,
+            "            if not done.set_running_or_notify_cancel():\n",
+            "            if False:\n",
+            "a move that was answered with an error is made later",
+        ),
+        Change(
+            "released-and-still-there",
+            HELD,
+            '            self._change(axis, asked=np.nan, lost="")\n',
+            "            pass\n",
+            "after a release the next relative move begins at the last target",
+        ),
+        Change(
+            "lease-runs-out-without-a-target",
+            HELD,
+            "        elif self._taken:",
+            "        elif False:",
+            "another client takes an axis whose servo was switched on",
+        ),
+    ),
+    *room(
         ("tests/daemon/client/test_positioner.py",),
+        Change(
+            "a-cancelled-future-ends-all",
+            POSITIONER,
+            "    with suppress(InvalidStateError):\n",
+            "    with suppress(ZeroDivisionError):\n",
+            "a program that gives up waiting for a move can no longer stop the stage",
+        ),
         Change(
             "inherited-positioner-waits",
             POSITIONER,

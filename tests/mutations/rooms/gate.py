@@ -22,6 +22,16 @@ CHANGES = room(
         "a chunk that was delayed for seconds moves the stage",
     ),
     Change(
+        "a-repeated-set-point-undoes-a-stop", GATE,
+        "        if self._stopped_by_another and", "        if False and",
+        "a program that repeats its set-point moves the stage again after another has stopped it",
+    ),
+    Change(
+        "release-is-said-in-a-fault", GATE,
+        'if action == "release" and self.core.state is State.FAULT:', "if False:",
+        "a release while a device has failed is said to ramp, and the voltage stays",
+    ),
+    Change(
         "late-setpoint-taken", GATE,
         "        self._check_age(now_ns, command.sent_ns)\n        self._check_values(",
         "        self._check_values(",

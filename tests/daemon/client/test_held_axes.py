@@ -1,0 +1,143 @@
+"""Axes that are kept for programs that serve others: real loop, gateway and sessions; positions are
+judged by the loop's own samples."""
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from tests.rigs.gateway_bench import Bench, wait_until
+
+from dehyst.daemon.client import held_axes
+from dehyst.daemon.client.group import Group
+from dehyst.daemon.client.held_axes import HeldAxes
+from dehyst.daemon.rings.records import State
+from dehyst.models.errors import DehystError, NotNow
+
+pytestmark = pytest.mark.processes
+T_S = np.arange(0.0, 20.0, 0.01)
+WAVE = 5.0 + np.sin(2.0 * np.pi * 0.5 * T_S)
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    bench = Bench(tmp_path_factory.mktemp("held"))
+    try:
+        bench.start_gateway()
+        bench.client().close()
+        yield bench
+    finally:
+        bench.close()
+
+
+@pytest.fixture
+def held(rig: Bench) -> Iterator[HeldAxes]:
+    with HeldAxes(lambda: Group("bench", connect=rig.address)) as axes:
+        yield axes
+    wait_until("it is at rest", lambda: rig.loop.state == State.READY)
+
+
+def axis_of(held: HeldAxes) -> str:
+    (axis,) = held.look()
+    return axis
+
+
+def target(rig: Bench) -> float:
+    return float(rig.loop.samples(rig.loop.seq - 1)[-1]["target"])
+
+
+def busy(held: HeldAxes, seconds: float) -> threading.Thread:
+    """Occupy the thread that uses the bus, so that what is asked for waits for its turn."""
+    held._jobs.put(lambda _: time.sleep(seconds))
+    return held._thread
+
+
+def test_a_stop_ends_a_wave_that_waits_for_its_turn(rig: Bench, held: HeldAxes) -> None:
+    axis, asked = axis_of(held), threading.Event()
+    busy(held, 1.0)
+
+    def fly() -> None:
+        asked.set()
+        with pytest.raises(NotNow, match="it was stopped"):
+            held.fly(T_S, {axis: WAVE}, repeat=0)
+
+    flying = threading.Thread(target=fly)
+    flying.start()
+    asked.wait()
+    wait_until("it waits", lambda: not held._jobs.empty())
+    begun = rig.loop.seq
+    held.stop()
+    flying.join(10.0)
+    assert not flying.is_alive()
+    assert np.isnan(rig.loop.samples(begun)["target"]).all()
+
+
+def test_a_stop_ends_a_wave_without_end_where_it_is(rig: Bench, held: HeldAxes) -> None:
+    axis = axis_of(held)
+    held.fly(T_S, {axis: WAVE}, repeat=0)
+    wait_until("it moves", lambda: target(rig) > 5.5)
+    held.stop()
+    assert held.look()[axis].lost == ""
+    wait_until("it stands", lambda: np.ptp(rig.loop.samples(rig.loop.seq - 100)["target"]) == 0)
+
+
+def test_the_end_of_the_program_ends_a_wave_without_end(rig: Bench) -> None:
+    axes = HeldAxes(lambda: Group("bench", connect=rig.address))
+    axes.fly(T_S, {axis_of(axes): WAVE}, repeat=0)
+    wait_until("it moves", lambda: target(rig) > 5.5)
+    begun = time.monotonic()
+    axes.close()
+    assert time.monotonic() - begun < 10.0  # one pass of the wave lasts 20 s
+    wait_until("it lets go", lambda: rig.loop.state == State.READY)
+
+
+def test_what_was_answered_with_an_error_is_not_done_later(
+    rig: Bench, held: HeldAxes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(held_axes, "ANSWER_S", 0.3)
+    axis, begun = axis_of(held), rig.loop.seq
+    busy(held, 1.0)
+    for ask in (
+        lambda: held.go({axis: 7.0}),
+        lambda: held.fly(T_S, {axis: WAVE}),
+    ):
+        with pytest.raises(NotNow, match="it was not done"):
+            ask()
+    monkeypatch.undo()
+    held.take()  # its answer comes after the turns of both
+    assert np.isnan(rig.loop.samples(begun)["target"]).all()
+
+
+def test_after_a_release_the_present_place_counts_and_not_the_last_target(
+    rig: Bench, held: HeldAxes
+) -> None:
+    axis = axis_of(held)
+    held.go({axis: 6.0})
+    held.let_go()
+    assert np.isnan(held.look()[axis].asked)
+
+
+def test_a_lease_without_a_target_is_kept(rig: Bench, held: HeldAxes) -> None:
+    held.take()
+    begun = rig.loop.seq
+    wait_until("two leases pass", lambda: rig.loop.seq > begun + 2 * 300)  # of 1.5 s, at 200 Hz
+    with Group("bench", connect=rig.address) as other, pytest.raises(DehystError, match="commands"):
+        other.acquire()
+
+
+def test_a_stop_that_is_not_answered_gives_the_axis_up(rig: Bench, held: HeldAxes) -> None:
+    axis = axis_of(held)
+    held.go({axis: 6.0})
+    rig.kill_gateway(signal.SIGKILL)
+    try:
+        with pytest.raises(DehystError):
+            held.stop()
+        wait_until("it is given up", lambda: "a stop was not answered" in held.look()[axis].lost)
+    finally:
+        rig.start_gateway()
+        rig.client().close()
+    begun = rig.loop.seq
+    wait_until("a second passes", lambda: rig.loop.seq > begun + 200)
+    assert np.isnan(target(rig))
