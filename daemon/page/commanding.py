@@ -58,7 +58,7 @@ class Commander:
 
         def task(client: Client, over: threading.Event) -> None:
             _take(client, take_over)
-            if over.is_set():
+            if over.is_set():  # connecting may take seconds
                 return
             client.send(value)
             config = self._watch.config or client.config()
@@ -203,7 +203,6 @@ class Commander:
                 if not over.is_set():
                     client = client or Client(w.name, w.address, w.base, self._label, w.credentials)
                     self.number = client.client
-                if client is not None and not over.is_set():  # connecting may take seconds
                     task(client, over)
             except Ended as ended:
                 self._say(str(ended), False)
