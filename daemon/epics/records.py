@@ -26,7 +26,8 @@ log = logging.getLogger(__name__)
 UPDATE_S = 0.1
 """Update interval of the monitors [s], for people and archivers; scans use completion."""
 DONE_S = 120.0
-"""Time [s] after the end of a move's path after which it fails at the client if it is not on target."""
+"""Time [s] for which a move may be off target after the end of its path, before it fails at the
+client."""
 MONITORS_S = 0.05
 """How long a put's completion waits for the monitors of the same update [s], which another task of
 the server sends in batches of 10 ms: a client that received the completion first would still read

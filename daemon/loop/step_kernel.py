@@ -293,12 +293,14 @@ def _ramp(c: Any, p: Any) -> float:
 
 @njit(cache=True, nogil=True)
 def _limit(c: Any, p: Any, wanted: float) -> tuple[float, int]:
-    """Apply range and slew limit, the last check before the amplifier; return voltage and flags."""
+    """Apply range and slew limit, the last check before the amplifier; return voltage and flags. An
+    output that stands outside the range is not moved into it: it goes no further out, and back at
+    the pace of what moves it."""
     flags = 0
     if not math.isfinite(wanted):
         return c.volts, RANGE
-    volts = min(max(wanted, p.min_v), p.max_v)
-    if volts != wanted:
+    volts = min(max(wanted, min(p.min_v, c.volts)), max(p.max_v, c.volts))
+    if volts != wanted or not p.min_v <= volts <= p.max_v:
         flags |= RANGE
     most = p.slew_v * (c.move_ns / p.period_ns) * (FIRST_STEP if c.found != 0 else 1.0)
     limited = min(max(volts, c.volts - most), c.volts + most)

@@ -159,6 +159,19 @@ def test_a_release_ramps_at_once_also_where_nobody_commands() -> None:
     assert bench.stepper.volts == 3.0
 
 
+@pytest.mark.parametrize("volts", [-1.5, 98.0])
+def test_an_output_outside_the_limits_stays_until_something_moves_it(volts: float) -> None:
+    bench = Bench(volts)
+    record = bench.tick(n=200)
+    assert bench.stepper.state is State.READY
+    assert set(bench.volts) == {volts}
+    assert record["flags"] & Flag.RANGE
+    first = len(bench.volts)
+    bench.tick((LoopCommand.RELEASE, 0.0), n=3000)
+    assert bench.stepper.volts == 3.0
+    assert steps(bench, first).max() <= RAMP_V + 1e-9
+
+
 def test_a_new_model_brings_its_own_origin() -> None:
     """With another origin and the same stage, reported positions shift by the origin."""
     bench = Bench()

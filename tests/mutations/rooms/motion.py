@@ -12,6 +12,13 @@ CHANGES = [
     *room(
         MOTION,
         Change(
+            "outside-is-driven-inside",
+            STEP,
+            "min(max(wanted, min(p.min_v, c.volts)), max(p.max_v, c.volts))",
+            "min(max(wanted, p.min_v), p.max_v)",
+            "an output that stands outside the limits moves at the slew limit without a command",
+        ),
+        Change(
             "glide-unflagged",
             STEP,
             "        _glide(c, p, result.predicted, window)\n        flags |= APPROACH\n",
