@@ -4,15 +4,21 @@ Nothing here needs the compiler, because `dehyst safe` must run when nothing els
 """
 
 import math
+import os
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.daemon.config import Config
+from dehyst.daemon.files.models import write_text
+from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.daemon.rings.ring_file import RingFile
+from dehyst.daemon.rings.run_folder import make_run_folder
+from dehyst.drivers import system
 from dehyst.drivers.interface import (
     Actuator,
     DeviceSpec,
@@ -23,9 +29,14 @@ from dehyst.drivers.interface import (
     Sensor,
 )
 from dehyst.drivers.registry import load_actuator, load_sensor
-from dehyst.models.errors import BadInput
+from dehyst.models.errors import BadInput, DehystError
 
 REPLAY_SAMPLES = 20_000
+LAST, LEFT, LONGEST_NOTE = "telemetry.ring", "output-left", 200
+"""Files of an axis' run folder: LAST is the ring of what its core wrote; LEFT notes an output that
+this ring lacks, as "RUN HEAD VOLTS". RUN (of the ring's writer) and HEAD (number of records) name
+the place in the ring at which the note was made; they are 0 without a ring. A ring that has left
+this place is newer than the note. Unlike a time, a place stays valid after a boot."""
 OUTPUT_AGREES_V = 1.0  # an MDT693B's readback is off by up to 0.3 V
 SPARE = 0.8  # part of the period that device calls may take
 OFFERED = 0.5  # the same at a suggested rate: it leaves room for a report of the amplifier and a
@@ -198,27 +209,55 @@ def check_limits(config: Config, spec: DeviceSpec) -> tuple[float, float]:
     return limits.min_v, limits.max_v
 
 
+def note_output(config: Config, volts: float) -> None:
+    """Note an output [V] that the ring does not record: `dehyst safe` has written it, or the ring
+    is about to be replaced. Only the process that drives the output calls this. A run folder that
+    cannot be written keeps no output from its safe state, so errors are ignored."""
+    run = head = 0
+    with suppress(BadInput), RingFile(config.directory / LAST, TELEMETRY) as ring:
+        run, head = ring.run, ring.place()[0]
+    with suppress(DehystError, OSError):
+        make_run_folder(config.directory)
+        write_text(config.directory / LEFT, f"{run} {head} {volts!r}\n")
+
+
+def _noted_output(config: Config, run: int, head: int) -> list[float]:
+    """Return the noted output, [volts], or [] if none is noted or the ring, which is at this place,
+    has recorded samples since. A ring without records was made after the note."""
+    path = config.directory / LEFT
+    try:
+        if os.lstat(path).st_uid != system.user_id():
+            return []
+        words = read_text(path, LONGEST_NOTE).split()
+        place, volts = (int(words[0]), int(words[1])), float(words[2])
+    except (OSError, NotReadable, ValueError, IndexError):
+        return []
+    newest = head == 0 or place == (run, head)
+    return [volts] if newest and math.isfinite(volts) else []
+
+
 def past_output(
     config: Config, reported_v: float, actuator: Any = None
 ) -> tuple[NDArray[np.float64], list[str]]:
     """Return the voltages written so far, oldest first and ending with the present output; and
     messages about them.
 
-    The ring of an earlier core is more accurate than the unit's own report. It is used where the
-    two agree or the unit cannot report; otherwise the report alone is returned. actuator: the open
-    device; where its unit has no serial number, a report that disagrees raises ForeignUnit, because
-    it may be another unit.
+    The ring of an earlier core, with the output noted since, is more accurate than the unit's own
+    report. It is used where the two agree or the unit cannot report; otherwise the report alone is
+    returned. actuator: the open device; where its unit has no serial number, a report that
+    disagrees raises ForeignUnit, because it may be another unit.
     """
-    reported, path = np.array([reported_v]), config.directory / "telemetry.ring"
-    if not path.exists():
-        return reported, []
-    try:
-        with RingFile(path, TELEMETRY) as ring:
-            head, _ = ring.place()
-            records, _ = ring.read(max(0, head - REPLAY_SAMPLES))
-    except BadInput as error:
-        return reported, [f"the voltages written before are not known: {error}"]
-    volts = np.array(records["volts"], dtype=np.float64)
+    reported, path = np.array([reported_v]), config.directory / LAST
+    volts, run, head = np.empty(0), 0, 0
+    if path.exists():
+        try:
+            with RingFile(path, TELEMETRY) as ring:
+                run, head = ring.run, ring.place()[0]
+                records, _ = ring.read(max(0, head - REPLAY_SAMPLES))
+        except BadInput as error:
+            return reported, [f"the voltages written before are not known: {error}"]
+        volts = np.array(records["volts"], dtype=np.float64)
+    volts = np.append(volts, _noted_output(config, run, head))
     inside = (volts >= config.limits.min_v) & (volts <= config.limits.max_v)
     agrees = volts.size and abs(volts[-1] - reported_v) <= OUTPUT_AGREES_V
     asked = actuator is None or actuator.spec.output_known

@@ -7,6 +7,7 @@ from typing import Any
 from dehyst.daemon.config import Config, Controller
 from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, write_units
 from dehyst.daemon.files.models import write_text
+from dehyst.daemon.loop.checks import LAST, LEFT
 from dehyst.daemon.rings import run_folder
 from dehyst.drivers.interface import DriverError, Identifiable, UnitIdentity
 from dehyst.drivers.registry import load_actuator, load_sensor
@@ -57,7 +58,8 @@ def _pin(config: Config, path: Path) -> list[str]:
             said.append(f'to keep it: {which}.settings: {SERIAL} = "{unit.serial}"')
     write_units(config, units)
     # the last output of another unit says nothing about this one
-    (config.directory / "telemetry.ring").unlink(missing_ok=True)
+    for name in (LAST, LEFT):
+        (config.directory / name).unlink(missing_ok=True)
     return said
 
 

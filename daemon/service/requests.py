@@ -6,6 +6,7 @@ Signals that arrive during a reload are merged into one, which is served after a
 so that a flood of signals costs no more than a few.
 """
 
+import logging
 import signal
 import sys
 import threading
@@ -17,6 +18,7 @@ from typing import Any
 from dehyst.daemon import clock
 from dehyst.daemon.loop.timing import realtime
 
+log = logging.getLogger(__name__)
 REST_S = 1.0
 NOT_MOVED = 0
 AGAIN_S = 0.01
@@ -85,5 +87,8 @@ class Requests:
                     self._reloads.get_nowait()
                 except Empty:
                     break
-            reload()
+            try:
+                reload()
+            except Exception:  # the next request is served all the same
+                log.exception("a reload of the model has failed")
             clock.sleep_s(self._rest_s)

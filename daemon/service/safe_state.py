@@ -6,7 +6,7 @@ import sys
 from dehyst.daemon import clock, notify
 from dehyst.daemon.config import Config, Controller
 from dehyst.daemon.files.known_units import ACTUATOR, expect_known
-from dehyst.daemon.loop.checks import check_limits, past_output
+from dehyst.daemon.loop.checks import check_limits, note_output, past_output
 from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.drivers.interface import DeviceGone, DeviceNotFound, DeviceTimeout, ProtocolError
 from dehyst.drivers.registry import load_actuator
@@ -52,8 +52,9 @@ class _Output:
         way = self.goal - self.volts
         if way:
             most = self.config.safe.ramp_v_per_s * period_s
-            self.volts += math.copysign(min(most, abs(way)), way)
-            self.link.call(self.link.device.write, self.volts)
+            volts = self.volts + math.copysign(min(most, abs(way)), way)
+            self.link.call(self.link.device.write, volts)
+            self.volts = volts  # only now: the next attempt starts from what was written
 
 
 def make_safe(controller: Controller) -> dict[str, float]:
@@ -98,6 +99,7 @@ def _once(axes: list[Config]) -> tuple[dict[str, float], dict[str, DehystError]]
         _ramp(outputs, errors)
     finally:
         for output in outputs:
+            note_output(output.config, output.volts)
             output.link.close()
     done = [output for output in outputs if output.config.name not in errors]
     return {output.config.name: output.volts for output in done}, errors

@@ -14,7 +14,13 @@ from dehyst.daemon.config.drives import drive_range
 from dehyst.daemon.files.chosen import choose_model
 from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, open_known
 from dehyst.daemon.files.models import load_model, write_text
-from dehyst.daemon.loop.checks import REPLAY_SAMPLES, check_limits, devices_of, past_output
+from dehyst.daemon.loop.checks import (
+    REPLAY_SAMPLES,
+    check_limits,
+    devices_of,
+    note_output,
+    past_output,
+)
 from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.daemon.loop.readback import ReadbackCheck
 from dehyst.daemon.loop.records_in_memory import FOLLOW_T
@@ -136,6 +142,7 @@ class AxisCore:
         stepper.follow(self._rows(compensator))
         make_run_folder(config.directory)
         self._reported = self._reported_model(self.model, self._leave_model(self.model))
+        note_output(config, float(self._past[-1]))  # a start may end before the first record
         rings = {
             name: Ring.create(config.directory / f"{name}.ring", dtype, size, run)
             for name, (dtype, size) in RINGS.items()

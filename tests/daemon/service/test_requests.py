@@ -1,9 +1,11 @@
-"""Signals that arrive before the loop runs."""
+"""Signals to the loop's process: before the loop runs, and requests to reload."""
 
+import logging
 import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import suppress
 
@@ -53,6 +55,26 @@ def test_an_exit_that_was_swallowed_is_made_up_for_before_the_loop_runs(requests
 def test_an_error_that_nobody_asked_for_stays_one(requests: Requests) -> None:
     with pytest.raises(RuntimeError, match="no compiled object"), requests.before_the_loop():
         raise RuntimeError("no compiled object yet")
+
+
+def test_a_reload_that_fails_unexpectedly_is_logged_and_the_next_one_is_served(
+    requests: Requests, caplog: pytest.LogCaptureFixture
+) -> None:
+    begun = threading.Semaphore(0)
+    served: list[str] = []
+
+    def reload() -> None:
+        served.append("")
+        begun.release()
+        raise KeyError("nobody expected this")
+
+    requests._rest_s = 0.0
+    with caplog.at_level(logging.ERROR):
+        requests.serve(lambda: None, reload)
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert begun.acquire(timeout=20.0), f"{len(served)} requests were served"
+    assert "nobody expected this" in caplog.text
 
 
 LOST = """

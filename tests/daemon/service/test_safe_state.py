@@ -3,13 +3,21 @@
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import ClassVar
 
+import numpy as np
 import pytest
 
 from dehyst.daemon import clock
-from dehyst.daemon.config import load_controller
-from dehyst.daemon.service.safe_state import make_safe
-from dehyst.drivers.interface import Actuator, DriverError
+from dehyst.daemon.config import Config, load_controller
+from dehyst.daemon.loop.checks import past_output
+from dehyst.daemon.rings.records import TELEMETRY
+from dehyst.daemon.rings.ring import Ring
+from dehyst.daemon.service.pin import pin_units
+from dehyst.daemon.service.safe_state import SHORTEST_PERIOD_S, make_safe
+from dehyst.drivers.interface import Actuator, DriverError, UnitIdentity
+from dehyst.drivers.mdt693b import Mdt693b
+from dehyst.drivers.python_object import PythonActuator
 from dehyst.drivers.registry import load_actuator
 
 CONFIG = """
@@ -102,3 +110,84 @@ def test_an_axis_that_cannot_be_reached_keeps_no_other_from_its_safe_state(tmp_p
     with pytest.raises(DriverError, match="stage-1-x: "):
         make_safe(load_controller(path))
     assert left.output() == 3.0
+
+
+RAMP_V_PER_S = 400.0
+BLIND = """
+actuator = {driver = "python", settings = {object = "%s:Blind", write = "write", max_v = 100.0, \
+    initial_v = 0.0, max_rate_hz = 500.0}}
+"""
+
+
+class Blind:
+    """An amplifier that cannot report its output. The first write below `late_v` fails; whether it
+    is `taken` all the same, its user cannot know."""
+
+    written: ClassVar[list[float]] = []
+    late_v, taken = -1.0, True
+
+    def write(self, volts: float) -> None:
+        late = volts < Blind.late_v
+        if Blind.taken or not late:
+            Blind.written.append(volts)
+        if late:
+            Blind.late_v = -1.0
+            raise TimeoutError("late")
+
+
+@pytest.fixture
+def blind(tmp_path: Path) -> Path:
+    """The configuration of a blind amplifier whose loop died at 50 V."""
+    path = tmp_path / "stage.toml"
+    head, limits, rest = CONFIG.format(folder=tmp_path).partition("limits")
+    path.write_text(head + BLIND.strip() % __name__ + "\n" + limits + rest)
+    (config,) = load_controller(path).axes
+    config.directory.mkdir(parents=True)
+    ring = Ring.create(config.directory / "telemetry.ring", TELEMETRY, 64)
+    records = np.zeros(3, TELEMETRY)
+    records["volts"] = 50.0
+    ring.push_many(records)
+    Blind.written[:], Blind.late_v, Blind.taken = [50.0], -1.0, True
+    return path
+
+
+def believed(config: Config) -> float:
+    """Return the output that the next core believes in."""
+    actuator = PythonActuator.from_settings(config.actuator.settings)
+    actuator.open()
+    try:
+        return float(past_output(config, actuator.output(), actuator)[0][-1])
+    finally:
+        actuator.close()
+
+
+@pytest.mark.usefixtures("waits")
+@pytest.mark.parametrize("taken", [True, False])
+def test_a_blind_output_is_ramped_on_from_where_it_failed(blind: Path, taken: bool) -> None:
+    Blind.late_v, Blind.taken = 20.0, taken
+    assert make_safe(load_controller(blind)) == {"stage-1": 3.0}
+    assert Blind.late_v == -1.0  # a write has failed
+    steps_v = np.abs(np.diff(Blind.written))
+    assert steps_v.max() <= RAMP_V_PER_S * SHORTEST_PERIOD_S + 1e-9
+    assert Blind.written[-1] == 3.0
+
+
+@pytest.mark.usefixtures("waits")
+def test_the_next_core_believes_in_what_safe_left(blind: Path) -> None:
+    controller = load_controller(blind)
+    (config,) = controller.axes
+    assert believed(config) == 50.0
+    make_safe(controller)
+    assert believed(config) == 3.0
+    unit = Mdt693b.from_settings({"port": "/dev/null"})
+    unit.unit = UnitIdentity("", "MDT693B firmware 1.05", "usb-1")
+    past, said = past_output(config, 3.2, unit)  # not ForeignUnit, as without a serial number
+    assert (past[-1], said) == (3.0, [])
+
+
+@pytest.mark.usefixtures("waits")
+def test_pin_forgets_what_safe_left(blind: Path) -> None:
+    controller = load_controller(blind)
+    make_safe(controller)
+    pin_units(controller, blind)
+    assert believed(controller.axes[0]) == 0.0  # initial_v

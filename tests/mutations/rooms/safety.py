@@ -20,6 +20,41 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/daemon/service/test_safe_state.py",),
+        Change(
+            "safe-notes-nothing", "daemon/service/safe_state.py",
+            "            note_output(output.config, output.volts)\n", "",
+            "after `dehyst safe` an output without readback jumps back to where the loop died",
+        ),
+        Change(
+            "a-failed-write-counts", "daemon/service/safe_state.py",
+            "volts = self.volts + math.copysign(",
+            "volts = self.volts = self.volts + math.copysign(",
+            "after a write that failed `dehyst safe` makes two steps at once",
+        ),
+        Change(
+            "pin-keeps-the-note", "daemon/service/pin.py", "for name in (LAST, LEFT):",
+            "for name in (LAST,):", "the output of one unit is taken for that of another",
+        ),
+    ),
+    *room(
+        ("tests/daemon/loop/test_past_output.py",),
+        Change(
+            "old-note-wins", "daemon/loop/checks.py",
+            "newest = head == 0 or place == (run, head)", "newest = True",
+            "an output without readback jumps to where an earlier `dehyst safe` left it",
+        ),
+    ),
+    *room(
+        ("tests/daemon/loop/axes/test_interrupted_start.py",),
+        Change(
+            "start-forgets-the-output", "daemon/loop/axes/core.py",
+            "        note_output(config, float(self._past[-1]))",
+            "        pass",
+            "a start that is interrupted as it compiles lets the next one jump",
+        ),
+    ),
+    *room(
         ("tests/daemon/service/test_exchanged_units.py",),
         Change(
             "safe-moves-anyone", "daemon/service/safe_state.py",
@@ -146,6 +181,12 @@ CHANGES = [
             "a-lost-exit-stays-lost", "daemon/service/requests.py",
             "            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)\n", "            pass\n",
             "a compiling loop continues for a minute after SIGTERM",
+        ),
+        Change(
+            "one-bad-reload-is-the-last", "daemon/service/requests.py",
+            "            except Exception:  # the next request is served all the same\n",
+            "            except SystemExit:\n",
+            "after a reload that failed unexpectedly SIGHUP is ignored without a message",
         ),
         Change(
             "swallowed-end-runs-on", "daemon/service/requests.py",
