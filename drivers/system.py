@@ -7,6 +7,7 @@ has.
 """
 
 import os
+import select
 import signal
 import socket
 import stat
@@ -26,6 +27,7 @@ except ImportError:  # Windows
     TerminalError = OSError  # type: ignore[misc,assignment]
 
 MOST_FILES = 65_536
+STDOUT, STDERR = 1, 2
 LINUX = sys.platform == "linux"
 MODES = hasattr(os, "geteuid")
 """Whether files have owners and modes: Windows reports user 0 and 0o666 for every file."""
@@ -103,6 +105,23 @@ def end_unread(connection: socket.socket, after_ms: int) -> None:
     that can (TCP_USER_TIMEOUT, tcp(7)); connections inherit it from a listening socket."""
     if hasattr(socket, "TCP_USER_TIMEOUT"):
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, after_ms)
+
+
+def drop_what_nobody_reads() -> None:
+    """Redirect stdout and stderr to the null device where the terminal or pipe has gone. Does
+    nothing on a system that cannot tell."""
+    if not hasattr(select, "poll"):
+        return
+    poll = select.poll()
+    for file in (STDOUT, STDERR):
+        poll.register(file, 0)  # errors and hang-ups only
+    gone = [file for file, _ in poll.poll(0)]
+    if gone:
+        null = os.open(os.devnull, os.O_WRONLY)
+        for file in gone:
+            os.dup2(null, file)
+        if null not in gone:
+            os.close(null)
 
 
 def in_forked_child(call: Callable[[], None]) -> None:

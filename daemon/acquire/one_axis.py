@@ -2,7 +2,8 @@
 
 Used for identification, before there is a model. The output ends where it started; it is ramped at
 the configured rate to the first voltage of the drive, and back from the last. Range and slew rate
-are checked for the whole drive before anything moves.
+are checked for the whole drive before anything moves. No write changes the output by more than the
+slew limit allows in one period, not even after a pause of this process.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,10 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from dehyst.daemon import clock
+from dehyst.daemon.acquire.outputs import DrivenOutput, return_all, toward
 from dehyst.daemon.config import Config
-from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, open_known
-from dehyst.daemon.loop.checks import check_limits, check_rates_together, joined, past_output
-from dehyst.daemon.loop.devices import DeviceLink, ramp
+from dehyst.daemon.files.known_units import SENSOR, open_known
+from dehyst.daemon.loop.checks import check_limits, check_rates_together, joined
+from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.daemon.loop.systemcalls import sleeper
 from dehyst.daemon.loop.timing import realtime
 from dehyst.drivers.interface import DriverError
@@ -135,11 +137,11 @@ class _Player(NamedTuple):
 class _Links(NamedTuple):
     """Devices of the axes, in order."""
 
-    actuators: list[DeviceLink]
+    outputs: list[DrivenOutput]
     sensors: list[DeviceLink]
 
     def close(self) -> None:
-        for link in (*self.sensors, *self.actuators):
+        for link in (*self.sensors, *(output.link for output in self.outputs)):
             link.close()
 
 
@@ -148,8 +150,8 @@ def _link(configs: Sequence[Config]) -> _Links:
     links = _Links([], [])
     for config in configs:
         actuator, sensor = config.actuator, config.sensor
-        opened = load_actuator(actuator.driver).from_settings(actuator.settings)
-        links.actuators.append(DeviceLink("actuator", opened))
+        driven = load_actuator(actuator.driver).from_settings(actuator.settings)
+        links.outputs.append(DrivenOutput(config, driven))
         read = load_sensor(sensor.driver).from_settings(sensor.settings)
         links.sensors.append(DeviceLink("sensor", read))
     return links
@@ -167,50 +169,43 @@ def _run(
     configs = player.configs
     links = _link(configs)
     try:
-        for config, link in zip(configs, links.actuators, strict=True):
-            open_known(config, ACTUATOR, link.device)
+        for output in links.outputs:
+            output.open()
         for config, link in zip(configs, links.sensors, strict=True):
             open_known(config, SENSOR, link.device)
+        actuators = [output.link.device for output in links.outputs]
         specs = [
-            (actuator.device.spec, sensor.device.spec)
-            for actuator, sensor in zip(links.actuators, links.sensors, strict=True)
+            (actuator.spec, sensor.device.spec)
+            for actuator, sensor in zip(actuators, links.sensors, strict=True)
         ]
         for config, (spec, _) in zip(configs, specs, strict=True):
             check_limits(config, spec)
-        check_rates_together(configs, specs, joined([link.device for link in links.actuators]))
-        starts = [
-            float(past_output(config, float(link.device.output()), link.device)[0][-1])
-            for config, link in zip(configs, links.actuators, strict=True)
-        ]
+        check_rates_together(configs, specs, joined(actuators))
+        for output in links.outputs:
+            output.find_start()
+        ended = ""
         try:
-            ended = ""
             if loops.size:
-                _go_to(player, links, loops[0])
+                _go_to(links, loops[0])
                 unread = np.zeros((loops.shape[0], rows.shape[1]))
                 ended = _play(player, links, loops, unread, None)
             if not ended:
-                _go_to(player, links, volts_at[0])
+                _go_to(links, volts_at[0])
                 ended = _play(player, links, volts_at, rows, progress)
+        except DriverError as error:
+            ended = str(error)
+            raise
         finally:
-            _go_to(player, links, starts)  # from their present values, also when interrupted
+            return_all(links.outputs, ended)  # from their present values, also when interrupted
     finally:
         links.close()
     return ended
 
 
-def _go_to(player: _Player, links: _Links, volts: Sequence[float] | Floats) -> None:
-    """Ramp one output after the other; one that fails stays where it is, and the others still
-    move."""
-    failed: DriverError | None = None
-    for config, link, goal in zip(player.configs, links.actuators, volts, strict=True):
-        if link.ok:
-            try:
-                at = float(link.device.output())
-                ramp(link, at, float(goal), config.safe.ramp_v_per_s, 1.0 / config.loop.rate_hz)
-            except DriverError as error:
-                failed = failed or error
-    if failed is not None:
-        raise failed
+def _go_to(links: _Links, volts: Floats) -> None:
+    """Ramp one output after the other."""
+    for output, goal in zip(links.outputs, volts.tolist(), strict=True):
+        output.ramp(goal)
 
 
 def _play(
@@ -220,11 +215,13 @@ def _play(
     rows: Floats,
     progress: Callable[[float], None] | None,
 ) -> str:
-    """Write volts_at, one row per period; return the reason if it ended early."""
+    """Write volts_at, one row per period; return the reason if it ended early. After a gap, the
+    outputs catch up with their drives at the slew limit."""
     period_ns = player.configs[0].period_ns
+    most = [config.limits.slew_v_per_s * period_ns * 1e-9 for config in player.configs]
     first = clock.monotonic_ns() + period_ns
     at = volts_at[0].tolist()
-    for i, volts in enumerate(volts_at.tolist()):
+    for i, goals in enumerate(volts_at.tolist()):
         if reason := player.stop():
             return reason
         due = first + i * period_ns
@@ -235,8 +232,9 @@ def _play(
         readings = [
             _read(config, link) for config, link in zip(player.configs, links.sensors, strict=True)
         ]
-        for k, link in enumerate(links.actuators):
-            link.call(link.device.write, volts[k])
+        volts = [toward(*step) for step in zip(at, goals, most, strict=True)]
+        for output, value in zip(links.outputs, volts, strict=True):
+            output.write(value)
         # the readings were taken before this write: they belong to the drive before it
         rows[i, 0] = (time_ns - first) * 1e-9
         rows[i, 1::2], rows[i, 2::2] = at, readings

@@ -26,9 +26,8 @@ from dehyst.daemon import clock
 from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.group import Group
 from dehyst.daemon.client.player import PATIENCE_S
-from dehyst.daemon.client.positioner import POLL_S, REPEATS, SHARE
+from dehyst.daemon.client.positioner import POLL_S, REPEATS, SHARE, Stopped, Stops
 from dehyst.daemon.client.readings import model_place
-from dehyst.daemon.client.stops import Stopped, Stops
 from dehyst.daemon.client.telemetry import TelemetryStream
 from dehyst.daemon.closing import Closing
 from dehyst.models.errors import BadInput, DehystError, NotNow
@@ -85,7 +84,7 @@ class HeldAxes(Closing):
         self._held: dict[str, float] = {}
         self._near_since_ns: dict[str, int] = {}
         self._repeat_ns = self._asked_ns = self._silent_since_ns = 0
-        self._stops, self._heeded = Stops(), 0
+        self._stops, self._heeded, self._order = Stops(), 0, threading.Lock()
         self._taken = False  # without a target: the lease is renewed all the same
         self._stopper = connect()
         ready: Future[None] = Future()
@@ -124,19 +123,20 @@ class HeldAxes(Closing):
         begun: Future[None] = Future()
         for axis, of_axis in values.items():
             self._check_reach(axis, float(of_axis.min()), float(of_axis.max()))
-        before = self._stops.count
-        self._jobs.put(lambda group: self._fly(group, t, values, repeat, before, begun))
+        with self._order:
+            before = self._stops.count
+            self._jobs.put(lambda group: self._fly(group, t, values, repeat, before, begun))
         _wait_for(begun)
 
     def stop(self) -> None:
         """Stop all axes at once; they then stay where the model predicts them to be."""
         self._stop_now()
-        self._call(self._stay_here)
+        self._call(self._stay_here, stops=True)
 
     def let_go(self) -> None:
         """Stop all axes and give up the lease: the daemon holds, then ramps to its safe voltage."""
         self._stop_now()
-        self._call(self._let_go)
+        self._call(self._let_go, stops=True)
 
     def close(self) -> None:
         """Release the axes and close the connections. Safe to call twice."""
@@ -159,7 +159,9 @@ class HeldAxes(Closing):
             self._jobs.put(lambda _: self._lose(why))
             raise
 
-    def _call(self, job: Callable[[Group], None]) -> None:
+    def _call(self, job: Callable[[Group], None], stops: bool = False) -> None:
+        """Have a job done and wait for its end. stops: it also ends what was requested between the
+        stop and now."""
         done: Future[None] = Future()
 
         def guarded(group: Group) -> None:
@@ -174,7 +176,10 @@ class HeldAxes(Closing):
 
         if not self._thread.is_alive():
             raise NotNow("the connection to the controller is closed")
-        self._jobs.put(guarded)
+        with self._order:
+            if stops:
+                self._stops.add()
+            self._jobs.put(guarded)
         _wait_for(done)
 
     def _live(self, connect: Callable[[], Group], ready: "Future[None]") -> None:

@@ -28,7 +28,6 @@ from numpy.typing import ArrayLike, NDArray
 from dehyst.daemon import clock
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.client.readings import Flight, Reading, mean_of, model_place
-from dehyst.daemon.client.stops import Stopped, Stops
 from dehyst.daemon.client.telemetry import NOTHING, TelemetryStream
 from dehyst.daemon.client.tracking import Tracking
 from dehyst.daemon.closing import Closing
@@ -45,6 +44,28 @@ WORDS = {
 NOISES = 3.0  # standard errors of the mean that are attributed to noise
 SHARE = 0.002
 """Default tolerance as a fraction of the reach."""
+
+
+class Stopped(Exception):
+    """Raised in a callback to end a trajectory."""
+
+
+class Stops:
+    """Counts the requested stops, so that a flight ends when one was requested after it was,
+    whether the flight has begun or still waits for its turn."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def add(self) -> None:
+        """Count one more; from any thread. Of two at once one may be lost, and the count differs
+        all the same."""
+        self.count += 1
+
+    def check(self, before: int) -> None:
+        """Raise Stopped if one was requested since there were `before`."""
+        if self.count != before:
+            raise Stopped
 
 
 @dataclass

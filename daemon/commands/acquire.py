@@ -2,13 +2,13 @@
 
 import argparse
 import json
-import signal
 import sys
 from pathlib import Path
 
 from dehyst.daemon.config import Config, load_config, load_controller
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
+from dehyst.daemon.rings import run_folder
 from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.models.recording import Recording
 
@@ -43,6 +43,7 @@ example: dehyst acquire drive.csv --config stage.toml -o recording.csv"""
 
 def run(args: argparse.Namespace) -> int:
     from dehyst.daemon.acquire.axes import acquire_axes
+    from dehyst.daemon.acquire.early_end import signals_noted
     from dehyst.daemon.acquire.one_axis import acquire
     from dehyst.daemon.files.given_recordings import read_one_given
 
@@ -54,22 +55,23 @@ def run(args: argparse.Namespace) -> int:
     inputs = [args.drive, args.config, *(c.model.file for c in configs)]
     check_outputs(list(files.values()), inputs, args.force)
     drive = read_one_given(Path(args.drive), args, 2)
-    stopped: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: stopped.append(number))
+    with (
+        run_folder.at_work(controller.directory, run_folder.OUTPUT, "acquire", args.config),
+        progress_bar("recording") as progress,
+        signals_noted() as stopped,
+    ):
 
-    def stop() -> str:
-        return "it was interrupted" if stopped else ""
+        def stop() -> str:
+            return "it was interrupted" if stopped else ""
 
-    with progress_bar("recording") as progress:
         given = drive.t_s, drive.drive, drive.drive_unit, args.exercise, progress, stop
         if several:
             found, ended = acquire_axes(configs, *given)
         else:
             one, ended = acquire(configs[0], *given)
             found = {configs[0].axis: one}
-    for config in configs:
-        _write(files[config.axis], found[config.axis], config)
+        for config in configs:
+            _write(files[config.axis], found[config.axis], config)
     if args.json:
         (size,) = {one.size for one in found.values()}
         names = [str(file) for file in files.values()]

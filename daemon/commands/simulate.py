@@ -9,6 +9,9 @@ from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_one_given
 from dehyst.daemon.files.outputs import add_force, check_outputs
 
+NEARLY_ALL = 0.9995
+"""Least share of rows outside the validity that the note prints as 100.0 %."""
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst simulate`."""
@@ -51,7 +54,11 @@ def run(args: argparse.Namespace) -> int:
         return 0
     print(f"{args.output}: {rows} rows, column y_model_{unit}")
     if found.band is not None:
-        print(f"95 % of it within +-{found.band:.4g} {unit}, inside the model's validity")
+        if max(found.outside.values(), default=0.0) < NEARLY_ALL:
+            rows_meant = "95 % of the rows inside the model's validity are within"
+            print(f"{rows_meant} +-{found.band:.4g} {unit}")
+        else:
+            print("no 95 % band: the drive is outside the model's validity")
     if error is not None:
         print(f"against the measured displacement, start {found.start}: {found}")
     for what, share in found.outside.items():

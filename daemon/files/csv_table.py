@@ -8,6 +8,7 @@ line.
 
 import gzip
 import io
+import re
 import warnings
 import zlib
 from collections.abc import Iterator
@@ -29,6 +30,14 @@ TRUSTED_BYTES, MOST_PACKED = 6 << 20, 60
 """Limits on unpacking: a text of numbers unpacks to five to thirty times its packed size."""
 MOST_COLUMNS = 256
 LARGEST = 1e15  # beyond this a number is damage, not a measurement; its cube still fits a float
+MISSING = {
+    "", "nan", "-nan", "nan(ind)", "-nan(ind)", "nan(snan)", "-nan(snan)", "na", "n/a", "<na>",
+    "nat", "null", "none", "nil", "-", "--", "---", "#n/a", "#nv", "#num!", "#zahl!", "#div/0!",
+    "#value!", "#wert!", "#ref!", "#bezug!", "#name?", "#null!",
+}  # fmt: skip
+_NO_NUMBER = re.compile(r"[+-]?1[.,]#\w+")
+"""What Microsoft's C library writes for a number that is none: "-1.#IND", "1.#QNAN", "1.#INF"."""
+_COMMENT = re.compile(r"(?m)(?:^|(?<=[ \t]))#.*")
 
 
 @dataclass
@@ -41,7 +50,7 @@ class Table:
 
 def read_table(path: Path) -> Table:
     """Return all columns of a .csv or .csv.gz. Raises BadRecording naming file, line and remedy."""
-    opener = gzip.open if path.suffix == ".gz" else open
+    opener = gzip.open if path.suffix.lower() == ".gz" else open
     try:
         with opener(path, "rb") as handle:
             packed = path.stat().st_size if opener is gzip.open else 0
@@ -164,7 +173,8 @@ def _parse(name: str, header: list[str], text: str, first_line: int) -> Floats:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # numpy warns about a block that holds only notes
-            block = np.loadtxt(io.StringIO(text), delimiter=",", comments="#", ndmin=2)
+            plain = io.StringIO(_COMMENT.sub("", text) if "#" in text else text)
+            block = np.loadtxt(plain, delimiter=",", comments=None, ndmin=2)
     except (ValueError, OverflowError):
         return _parse_slowly(name, header, text, first_line)
     if block.shape[1] != len(header) or not _plausible(block):
@@ -180,7 +190,7 @@ def _plausible(block: Floats) -> bool:
 def _parse_slowly(name: str, header: list[str], text: str, first_line: int) -> Floats:
     rows = []
     for number, line in enumerate(text.split("\n"), first_line):
-        content = line.partition("#")[0].strip()
+        content = _COMMENT.sub("", line).strip()
         if not content:
             continue
         fields = content.split(",")
@@ -194,7 +204,7 @@ def _parse_slowly(name: str, header: list[str], text: str, first_line: int) -> F
 
 def _field(name: str, line: int, key: str, field: str) -> float:
     text = field.strip().strip('"')
-    if not text:
+    if is_missing(text):
         return float("nan")
     try:
         value = float(text)
@@ -207,6 +217,11 @@ def _field(name: str, line: int, key: str, field: str) -> float:
     return value
 
 
+def is_missing(text: str) -> bool:
+    """Return whether a field says that there is no value."""
+    return text.lower() in MISSING or ("#" in text and bool(_NO_NUMBER.fullmatch(text)))
+
+
 def _is_number(text: str) -> bool:
     try:
         float(text)
@@ -217,7 +232,7 @@ def _is_number(text: str) -> bool:
 
 def line_of_row(path: Path, row: int) -> int:
     """Return the line of the file (from 1) that holds data row `row` (from 0)."""
-    opener = gzip.open if path.suffix == ".gz" else open
+    opener = gzip.open if path.suffix.lower() == ".gz" else open
     seen = -2  # the header line is counted before row 0
     with opener(path, "rb") as handle:
         for number, raw in enumerate(cast(BinaryIO, handle), 1):

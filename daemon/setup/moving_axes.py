@@ -23,8 +23,7 @@ from dehyst.daemon.setup.moving import (
     gentle_loops,
     judge_recording,
 )
-from dehyst.daemon.setup.workbench import Workbench, interruptible
-from dehyst.daemon.terminal.progress import progress_bar
+from dehyst.daemon.setup.workbench import Workbench
 from dehyst.models.errors import NotNow
 from dehyst.models.recording import Floats, Recording
 
@@ -215,15 +214,16 @@ def record_axes_in_turn(bench: Workbench) -> Result:
     t_s, volts = drives_for(bench, 0)
     configs = list(bench.configs().values())
     gains = np.array([config.actuator.gain for config in configs])
-    with interruptible() as stop, progress_bar("recording") as progress:
+    with bench.driving("recording") as (progress, stop):
         found, ended = acquire_axes(
             configs, t_s, volts / gains, "v", TUNING.exercise_s, progress, stop
         )
-    if ended:
-        bench.keep_axes(found, "unfinished")
-        raise NotNow(
-            f"{ended}; the samples recorded before are kept. The same command repeats the recording"
-        )
+        if ended:
+            bench.keep_axes(found, "unfinished")
+            raise NotNow(
+                f"{ended}; the samples recorded before are kept. The same command repeats the "
+                "recording"
+            )
     return _judged(bench, found, "recording")
 
 

@@ -1,12 +1,11 @@
 """Shared tools of the set-up's steps: the folder, its files, and playing a drive."""
 
-import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from dehyst.daemon.acquire.axes import play_axes
+from dehyst.daemon.acquire.early_end import signals_noted
 from dehyst.daemon.acquire.one_axis import acquire
 from dehyst.daemon.config import Config, load_config, load_controller
 from dehyst.daemon.config.sections import usable_name
@@ -14,6 +13,7 @@ from dehyst.daemon.files.axis_columns import to_columns
 from dehyst.daemon.files.known_units import ACTUATOR, open_known
 from dehyst.daemon.files.outputs import file_of_axis
 from dehyst.daemon.files.recordings import read_recording, write_recording
+from dehyst.daemon.rings import run_folder
 from dehyst.daemon.setup.journal import Journal
 from dehyst.daemon.setup.questions import UserPrompts, Wishes
 from dehyst.daemon.terminal.progress import progress_bar
@@ -24,6 +24,7 @@ from dehyst.models.recording import Floats, Recording
 
 CONFIG, MODEL = "stage.toml", "stage.model.toml"
 NAME = "stage-1"
+Playing = tuple[Callable[[float], None], Callable[[], str]]
 MADE = "# Written by `dehyst setup`, which replaces it if its limits, units or rate change.\n"
 
 
@@ -117,18 +118,31 @@ class Workbench:
         finally:
             actuator.close()
 
+    @contextmanager
+    def driving(self, text: str) -> Iterator[Playing]:
+        """Hold the outputs during the block, with a progress bar; Ctrl-C, SIGTERM and SIGHUP end it
+        in order. Yield the progress and the function that returns the reason to end. Raises InUse
+        while another process, such as the daemon, drives them."""
+        folder = load_controller(self.config_path).directory
+        with (
+            run_folder.at_work(folder, run_folder.OUTPUT, "setup", self.config_path),
+            progress_bar(text) as progress,
+            signals_noted() as stopped,
+        ):
+            yield progress, lambda: "it was interrupted" if stopped else ""
+
     def play(self, t_s: Floats, volts: Floats, exercise_s: float, text: str) -> Recording:
         """Play voltages open loop after exercise_s of full loops, and record; the output returns
         to where it was. Raises NotNow if this ended early; what was recorded is then in a file."""
         config = self.config()
         drive = volts / config.actuator.gain
-        with interruptible() as stop, progress_bar(text) as progress:
+        with self.driving(text) as (progress, stop):
             found, ended = acquire(config, t_s, drive, "v", exercise_s, progress, stop)
-        if ended:
-            path = self.keep(found, "unfinished")
-            raise NotNow(
-                f"{ended}; what was recorded before is in {path}. The same command repeats it"
-            )
+            if ended:
+                path = self.keep(found, "unfinished")
+                raise NotNow(
+                    f"{ended}; what was recorded before is in {path}. The same command repeats it"
+                )
         return found
 
     def play_axes(
@@ -136,14 +150,14 @@ class Workbench:
     ) -> dict[str, Recording]:
         """As `play`, for volts (N, axes) at the loop's rate; return the recording of each axis."""
         configs = list(self.configs().values())
-        with interruptible() as stop, progress_bar(text) as progress:
+        with self.driving(text) as (progress, stop):
             found, ended = play_axes(configs, t_s, volts_at, "v", exercise_s, progress, stop)
-        if ended:
-            paths = self.keep_axes(found, "unfinished").values()
-            raise NotNow(
-                f"{ended}; what was recorded before is in {', '.join(map(str, paths))}. The same "
-                "command repeats it"
-            )
+            if ended:
+                paths = self.keep_axes(found, "unfinished").values()
+                raise NotNow(
+                    f"{ended}; what was recorded before is in {', '.join(map(str, paths))}. The "
+                    "same command repeats it"
+                )
         return found
 
     def keep_axes(self, recordings: Mapping[str, Recording], stem: str) -> dict[str, Path]:
@@ -161,17 +175,3 @@ class Workbench:
         columns |= to_columns(recording.channels, recording.displacement_unit, recording.drive_unit)
         write_recording(path, recording.t_s, columns, {"source": "dehyst setup"})
         return path
-
-
-@contextmanager
-def interruptible() -> Iterator[Callable[[], str]]:
-    """Turn Ctrl-C and SIGTERM into an orderly end: the yielded function returns the reason to end,
-    "" if there is none."""
-    stopped: list[int] = []
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before: list[Any] = [signal.signal(n, lambda n, _: stopped.append(n)) for n in numbers]
-    try:
-        yield lambda: "it was interrupted" if stopped else ""
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)

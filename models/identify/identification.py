@@ -50,6 +50,7 @@ from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats, Recording
 from dehyst.models.signals.drive_segments import find_drive_segments, repeats_one_loop
 from dehyst.models.signals.pace import measure_pace
+from dehyst.models.signals.rounding import quantum
 from dehyst.models.units import spell_unit
 
 
@@ -288,7 +289,10 @@ def _result(
         fitted.equations, fitted.shape, fitted.params, fitted.free, fitted.normal
     )
     cov = jackknife.covariance
-    noise = float(np.nanmedian([estimate_noise(e) for e in residuals]))
+    noises = [
+        estimate_noise(e, quantum(one.y)) for e, one in zip(residuals, setup.rows, strict=True)
+    ]
+    noise = float(np.nanmedian(noises))
     power = sum(float(np.sum(e[p] ** 2)) for e, p in zip(residuals, picks, strict=True))
     size = sum(int(np.count_nonzero(p)) for p in picks)
     left = float(np.sqrt(power / size))
@@ -339,8 +343,8 @@ def _result(
         orders=fitted.orders,
         noise_rms=noise,
         recordings=tuple(
-            RecordingResidual(one.name, rms(e[p]), estimate_noise(e))
-            for one, e, p in zip(setup.rows, residuals, picks, strict=True)
+            RecordingResidual(one.name, rms(e[p]), noise_of_one)
+            for one, e, p, noise_of_one in zip(setup.rows, residuals, picks, noises, strict=True)
         ),
         notes=(
             *note_slow_times(setup.rows),

@@ -18,6 +18,7 @@ from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import estimate_noise
 from dehyst.models.physics.dynamics import LEAD, Dynamics
 from dehyst.models.recording import Bools
+from dehyst.models.signals.rounding import quantum
 
 
 class Search:
@@ -148,7 +149,9 @@ class Search:
     def _measure_noise(self, found: TriedStructure) -> float:
         """Return the noise power in the residuals of a candidate."""
         errors = self.setup.residuals(self.r, found.shape, found.params, found.offset, found.lag)
-        return float(np.nanmedian([estimate_noise(e) for e in errors])) ** 2
+        rows = self.setup.rows
+        noises = [estimate_noise(e, quantum(one.y)) for e, one in zip(errors, rows, strict=True)]
+        return float(np.nanmedian(noises)) ** 2
 
     def _drop_constant(self, best: TriedStructure) -> TriedStructure:
         """Return the candidate without its constant if a de-energised stage shows none (Eq. 3 has

@@ -27,6 +27,7 @@ from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import estimate_noise
 from dehyst.models.recording import Floats
 from dehyst.models.signals.filters import add_relaxation
+from dehyst.models.signals.rounding import quantum
 
 POWERS = (0, 2, 3)
 FAST = (0.5, 1.3, 3.2, 8.0)  # sampling periods: time constants that represent lags and leads
@@ -58,7 +59,10 @@ def start_agrees(setup: FitSetup, rate: bool) -> bool:
 
 def _estimate_noise_power(setup: FitSetup) -> float:
     """Return the sum of squares of the readings' noise over the picked rows."""
-    noises = [estimate_noise(one.y - setup.sign * setup.slope * one.u) for one in setup.rows]
+    noises = [
+        estimate_noise(one.y - setup.sign * setup.slope * one.u, quantum(one.y))
+        for one in setup.rows
+    ]
     counts = [int(np.count_nonzero(pick)) for pick in setup.picks]
     return sum(n * e**2 for n, e in zip(counts, noises, strict=True) if np.isfinite(e))
 

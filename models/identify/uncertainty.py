@@ -17,21 +17,41 @@ from dehyst.models.identify.equations import (
 )
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
+from dehyst.models.signals.rounding import rounding_rms
 
 LONG, PARTS = 1_000_000, 20  # rows used of a longer residual, and their number of parts
 LARGEST_LEVERAGE = 0.99
 """Upper limit of the leverage of one stretch: 1 - leverage stays positive if one stretch alone
 determines a parameter."""
 
+OUTLYING = 6.0
+"""Standard deviations of the noise beyond which a difference belongs to an outlier."""
 
-def estimate_noise(residual: Floats) -> float:
+
+def estimate_noise(residual: Floats, step: float = 0.0) -> float:
     """Return the rms of the part of a residual that changes from sample to sample (white noise: all
     of it).
 
-    residual: (N,), NaN where unknown. From second differences, var(e[i-1] - 2 e[i] + e[i+1]) = 6
-    var(e) for white noise, by the median, so that lone outliers do not count. Noise that a filter
-    has smoothed is underestimated; NaN when fewer than ten triples are known.
+    residual: (N,), NaN where unknown; step: of the reading's rounding (`signals.rounding.quantum`).
+    From second differences, var(e[i-1] - 2 e[i] + e[i+1]) = 6 var(e) for white noise, by the
+    median, so that lone outliers do not count. Where the reading is rounded to steps larger than
+    that, the median is one of a few multiples of the step: then by the rms, and never less than the
+    rms of the rounding. Noise that a filter has smoothed is underestimated; NaN when fewer than ten
+    triples are known.
     """
+    second = _difference_twice(residual)
+    if second.size < 10:
+        return float("nan")
+    noise = 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0)
+    if step <= noise:
+        return noise
+    least = rounding_rms(step)
+    inner = second[np.abs(second) <= OUTLYING * np.sqrt(6.0) * max(noise, least)]
+    return max(float(np.sqrt(np.mean(inner**2) / 6.0)), least)
+
+
+def _difference_twice(residual: Floats) -> Floats:
+    """Return the second differences that are known."""
     if residual.size > LONG:  # parts of it are sufficient
         parts = np.array_split(residual, PARTS)
         residual = np.concatenate([part[: LONG // PARTS] for part in parts])
@@ -39,9 +59,7 @@ def estimate_noise(residual: Floats) -> float:
     second = second[~np.isnan(second)]
     if second.size < 10:  # a slow sensor: use differences of successive readings
         second = np.diff(residual[~np.isnan(residual)], 2)
-    if second.size < 10:
-        return float("nan")
-    return 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0)
+    return second
 
 
 def measure_band_hz(u: Floats, period_s: float, share: float = 0.999) -> float | None:

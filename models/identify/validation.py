@@ -16,6 +16,7 @@ from dehyst.models.identify.uncertainty import estimate_noise
 from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording
 from dehyst.models.signals.pace import measure_pace
+from dehyst.models.signals.rounding import quantum
 
 LAGS = 40  # rows: longest lag of the residual's correlation with itself and the drive
 COVERED, ENOUGH = 0.9, 0.5  # share of the range covered before rows count; of rows left
@@ -25,6 +26,8 @@ SLOWER = 1.5  # times the slowest pace of the recordings: no error is stated for
 LEAST_STATED = 0.2  # smallest share of the rows by which an interval is judged
 LATE, RARE = 1.2, 0.05  # periods: a longer step ends at a late sample; share of rows up to which
 # late samples are exceptions
+DOUBT = 5.0  # times the noise over the root of the rows: three standard errors of its estimate, by
+# the median of second differences of white noise (1.65 / root of the rows each)
 SURE = 1.96  # standard errors of a correlation of white noise: 95 % are smaller
 
 
@@ -40,7 +43,9 @@ class Validation:
     validity; unstated: share of the rows for which the 95 % interval does not apply, because they
     are outside or slower than any recorded drive; within: share of the other rows, without the
     offset, that the model's 95 % band and the noise explain, None if they are too few; late: number
-    of rows at late samples, which are not judged.
+    of rows at late samples, which are not judged; noisier: rms of the recording's noise beyond that
+    in the claim, which is no error of the model; coarse: the reading is rounded to steps wider than
+    the band, so that no row shows whether the band is too wide.
     """
 
     name: str
@@ -59,6 +64,8 @@ class Validation:
     unstated: float
     within: float | None
     late: int
+    noisier: float = 0.0
+    coarse: bool = False
 
     @property
     def share(self) -> float:
@@ -67,15 +74,18 @@ class Validation:
 
     @property
     def worse(self) -> bool:
-        """Whether the error is larger than the model claims; False if it claims nothing."""
-        return self.claim is not None and not self.rms <= CLAIM * self.claim
+        """Whether the error, but for the noise of a noisier gauge, is larger than the model claims;
+        False if it claims nothing."""
+        return self.claim is not None and not self.rms <= np.hypot(CLAIM * self.claim, self.noisier)
 
     @property
     def interval_is(self) -> str:
         """What is wrong with the width of the 95 % interval: "too narrow", "too wide", or ""."""
         if self.within is None or NARROW <= self.within <= WIDE:
             return ""
-        return "too narrow" if self.within < NARROW else "too wide"
+        if self.within < NARROW:
+            return "too narrow"
+        return "" if self.coarse else "too wide"
 
     @property
     def white(self) -> bool:
@@ -119,7 +129,8 @@ def validate(model: Model, recording: Recording) -> Validation:
     offset = float(np.nanmean(error))
     own, drive = _correlate(error - offset, u)
     fit = model.fit
-    noise, within = estimate_noise(error), None
+    step = quantum(y)
+    noise, within = estimate_noise(error, step), None
     outside = _find_outside(model, u, t)
     stated = ~(outside | _find_slower(model, u, t)) & ~np.isnan(error)
     share = float(np.count_nonzero(stated)) / float(np.count_nonzero(~np.isnan(error)))
@@ -127,6 +138,7 @@ def validate(model: Model, recording: Recording) -> Validation:
         reach = np.hypot(fit.band, SURE * noise)
         judged = error[stated]
         within = float(np.mean(np.abs(judged - judged.mean()) <= reach))
+    claim = max((x for x in (fit.holdout_rms, fit.rms) if x is not None), default=None)
     return Validation(
         name=recording.name,
         unit=model.displacement_unit,
@@ -134,7 +146,7 @@ def validate(model: Model, recording: Recording) -> Validation:
         offset=offset,
         span=float(np.nanmax(y) - np.nanmin(y)),
         noise=noise,
-        claim=max((x for x in (fit.holdout_rms, fit.rms) if x is not None), default=None),
+        claim=claim,
         start=start,
         predicted=out,
         autocorrelation=own,
@@ -144,7 +156,17 @@ def validate(model: Model, recording: Recording) -> Validation:
         unstated=1.0 - share,
         within=within,
         late=int(np.count_nonzero(late)),
+        noisier=_find_noisier(error, noise, fit.noise_rms if fit.noise_rms is not None else claim),
+        coarse=fit.band is not None and step > 2.0 * fit.band,
     )
+
+
+def _find_noisier(error: Floats, noise: float, claimed: float | None) -> float:
+    """Return the rms of the noise that an error (N,) may contain beyond that in the claim; 0 if the
+    recording does not show its noise."""
+    doubt = DOUBT / max(1.0, float(np.count_nonzero(~np.isnan(error)))) ** 0.5
+    power = (noise * (1.0 + doubt)) ** 2 - (claimed or 0.0) ** 2
+    return float(np.sqrt(power)) if noise > (claimed or 0.0) and power > 0.0 else 0.0
 
 
 def _find_settled(u: Floats) -> Bools:

@@ -21,9 +21,17 @@ from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Never, Param, Solved, Values, head_record
 from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.rounding import quantum
 
 GUESS = fields("input")  # start value of the inverse; NaN: the output itself
 RIPPLE = fields("period", "sine", "cosine")
+
+RESOLVED = 2.0
+"""Steps of the reading in the shortest period of a ripple: one step is its rounding, and fewer than
+two show no wave."""
+COARSEST = 0.1
+"""Largest step of the reading, as a fraction of its range, with which a ripple is looked for: its
+longest period is 0.4 of the range."""
 
 
 @Kernel
@@ -127,14 +135,15 @@ class NonlinearSensor(Candidate):
     def __init__(self, data: Data) -> None:
         self.limit_unit = data.unit
         self._range = float(np.ptp(data.y))
-        self.parameters = (
-            Parameter("period_um", data.unit, 0.02 * self._range, 0.4 * self._range),
-        )
+        self._shortest = max(0.02 * self._range, RESOLVED * quantum(data.y))
+        self.parameters = (Parameter("period_um", data.unit, self._shortest, 0.4 * self._range),)
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         # spacing of half a period over the range, so that the search cannot miss one in between
         counts = np.arange(2.7, 45.0, 0.5) if self._range > 0 else np.zeros(0)
-        order = _strongest(data.y[data.rows], residual[data.rows], self._range / counts)
+        periods = self._range / counts
+        periods = periods[periods >= self._shortest]
+        order = _strongest(data.y[data.rows], residual[data.rows], periods)
         return [(float(p),) for p in order[:3]]
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
@@ -143,6 +152,14 @@ class NonlinearSensor(Candidate):
 
     def can_count_when_small(self, theta: Sequence[float]) -> bool:
         return False
+
+    def plausibility_weight(self, theta: Sequence[float], amplitudes: Floats) -> float:
+        return float(np.hypot(*amplitudes) <= self._range)
+
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        if np.hypot(*amplitudes) <= self._range:
+            return ""
+        return "it would err by more than the range of the reading"
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
         unit = self.parameters[0].unit
@@ -191,10 +208,15 @@ def _variants(s: Scales) -> list[Block]:
     ]
 
 
+def _candidates(data: Data) -> list[Candidate]:
+    coarse = quantum(data.y) > COARSEST * float(np.ptp(data.y))
+    return [] if coarse else [NonlinearSensor(data)]
+
+
 PHYSICS = Physics(
     name="sensor",
     kinds=KINDS,
-    candidates=lambda data: [NonlinearSensor(data)],
+    candidates=_candidates,
     looks={"centre": 1, "branches": 2, "presliding": 3, "class": 3},
     specimens={
         "sensor": Specimen(

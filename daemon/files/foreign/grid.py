@@ -10,26 +10,32 @@ from typing import Any
 
 import numpy as np
 
-from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS
+from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS, is_missing
 from dehyst.daemon.files.foreign.found import Column, Sheet
-from dehyst.daemon.files.foreign.units import find_unit_key
+from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key, split_heading
 from dehyst.models.errors import BadRecording
 
-MISSING = {"", "nan", "na", "n/a", "#n/a", "#nv", "null", "none", "-", "--", "---", "#num!", "nil"}
 LOOKED_AT = 2000
 """Rows at the beginning that are used to find the layout; an instrument's preamble is shorter."""
 MOSTLY_EMPTY = 0.9
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
-_GROUPED = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
+_GROUPED_BY_POINTS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?")
+_GROUPED_APART = re.compile(r"[+-]?[1-9]\d{0,2}(['\u2019\xa0\u2009\u202f]\d{3})+(\.\d*)?")
+"""With apostrophes, as in Switzerland, or with no-break spaces, as in France."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:\.\d*)?)")
 _GERMAN_DATE = re.compile(r"(\d\d)\.(\d\d)\.(\d{4})[ T](.*)")
+_UNIT_BEHIND = r"(?:(?:\s*[\[(/]|\s)\s*([^\])]*?)\s*[\])]?)?"
 _STEP = re.compile(
-    r"(sample interval|sampling interval|sampling period|x ?increment|delta[ _]x|increment|dt)"
-    r"\s*(?:[\[(].*[\])])?"
+    r"(?:sample interval|sampling interval|sampling period|x ?increment|delta x|increment|dt)"
+    + _UNIT_BEHIND,
+    re.IGNORECASE,
 )
 _RATE = re.compile(
-    r"(sample rate|sampling rate|sampling frequency|samples/s|fs)\s*(?:[\[(].*[\])])?"
+    r"(?:sample rate|sampling rate|sampling frequency|samples/s|fs)" + _UNIT_BEHIND, re.IGNORECASE
 )
+_STATED = re.compile(r"([-+]?\d[\d.,']*(?:e[-+]?\d+)?)\s*(.*)", re.IGNORECASE)
+_RATE_UNIT = re.compile(r"([kMG]?)(?:Hz|Sa?/s|Samples?/s|Hertz|1/s)", re.IGNORECASE)
 
 Row = Sequence[Any]
 
@@ -50,10 +56,10 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
     if isinstance(cell, date):
         return None
     text = str(cell).strip().strip("\"'").strip()
-    if text.lower() in MISSING:
+    if is_missing(text):
         return math.nan
     if decimal == ",":
-        text = text.replace(".", "") if re.fullmatch(r"[+-]?\d{1,3}(\.\d{3})+,\d*", text) else text
+        text = text.replace(".", "") if _GROUPED_BY_POINTS.fullmatch(text) else text
         if "." in text and ":" not in text:
             return None
         text = text.replace(",", ".")
@@ -61,6 +67,8 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
         text = text.replace(",", "")
     if _NUMBER.fullmatch(text):
         return float(text)
+    if _GROUPED_APART.fullmatch(text):
+        return float(re.sub(r"[^-+.\d]", "", text))
     if text.lower() in ("inf", "+inf", "-inf", "infinity", "-infinity"):
         return float(text)
     return moment_of(text)
@@ -85,7 +93,8 @@ def moment_of(text: str) -> float | None:
 class GridLayout:
     """first: first row of numbers; width: number of columns; headings, units: (width,) texts;
     notes: the preamble; numeric: which columns hold numbers; step_s, start_s: stated by the
-    preamble."""
+    preamble; decimal: the decimal mark; unclear: a field that leaves it open; header: the fields of
+    the line with the headings; form: what else is to be said of the form."""
 
     first: int
     width: int
@@ -95,6 +104,15 @@ class GridLayout:
     notes: dict[str, str] = field(default_factory=dict)
     step_s: float = 0.0
     start_s: float = 0.0
+    decimal: str = "."
+    unclear: str = ""
+    header: list[str] = field(default_factory=list)
+    form: list[str] = field(default_factory=list)
+
+    @property
+    def most(self) -> int:
+        """The most fields that a row may have."""
+        return len(self.header) or self.width
 
 
 def _values(row: Row, decimal: str) -> tuple[bool, ...]:
@@ -137,13 +155,38 @@ def score(rows: Sequence[Row], decimal: str) -> tuple[int, int, int]:
         j for j in range(width) if 2 * share[j] > share[max(range(width), key=share.__getitem__)]
     ]
     for i in range(begin):
-        if sizes[i] >= max(sure) + 1 and sizes[i] <= width + 1 and all(flags[i][j] for j in sure):
+        if sizes[i] <= max(sure) or not all(flags[i][j] for j in sure):
+            continue
+        if sizes[i] <= width + 1 or all(map(all, flags[i:begin])):  # or lines that were joined
             return gain, i, width
     return gain, begin, width
 
 
+def find_decimal(rows: Sequence[Row], habit: str = "") -> tuple[str, str]:
+    """Return (decimal mark, a field that leaves it open or ""). habit: the mark to take where all
+    numbers leave it open ("12,586" is one number with a decimal comma and another with thousands
+    apart), unless some have a point."""
+    if not any(isinstance(cell, str) and "," in cell for row in rows for cell in row):
+        return ".", ""
+    gain, first, width = score(rows, ".")
+    other = score(rows, ",")[0]
+    if gain != other or not gain:
+        return "." if gain >= other else ",", ""
+    unclear = ""
+    for j in range(width):
+        cells = [str(row[j]).strip(" \"'") for row in rows[first:] if len(row) > j]
+        grouped = next((cell for cell in cells if _GROUPED.fullmatch(cell)), "")
+        if grouped and any(re.fullmatch(r"[+-]?\d{1,3}", cell) for cell in cells):
+            return ".", ""  # only numbers from 1000 on have a comma
+        unclear = unclear or grouped
+        habit = "" if any(map(_GROUPED_BY_POINTS.fullmatch, cells)) else habit
+    return (habit, "") if unclear and habit else (".", unclear)
+
+
 def lay_out(name: str, rows: Sequence[Row], decimal: str) -> GridLayout:
-    """Find the layout from the first rows. Raises BadRecording if there are no numbers."""
+    """Find the layout from the first rows; they may show that the decimal mark is a comma, or
+    leave it open. Raises BadRecording if there are no numbers."""
+    decimal, unclear = find_decimal(rows) if decimal == "." else (decimal, "")
     gain, first, width = score(rows, decimal)
     if not gain:
         raise BadRecording(f"{name}: holds no rows of numbers")
@@ -151,6 +194,7 @@ def lay_out(name: str, rows: Sequence[Row], decimal: str) -> GridLayout:
         raise BadRecording(f"{name}: {width} columns; at most {MOST_COLUMNS} are read")
     above = [(i, _stripped(row)) for i, row in enumerate(rows[:first]) if _length(row)]
     headings, units, used = [""] * width, [""] * width, set()
+    header: list[str] = []
     step_s = start_s = 0.0
     if above and _are_units(above[-1][1][:width]) and len(above) > 1:
         below, over = above[-1][1], above[-2][1]
@@ -158,23 +202,28 @@ def lay_out(name: str, rows: Sequence[Row], decimal: str) -> GridLayout:
             units, used = _fit(below, width), {above[-1][0]}
             step_s, start_s = _beside(over, below, width)
             above.pop()
-    if above and _may_name(above[-1][1], width):
+    if above and _may_name(above[-1][1], width, decimal):
+        header = _texts(above[-1][1])
         headings = _fit(above[-1][1], width)
         used.add(above[-1][0])
     notes: dict[str, str] = {}
+    left = [row for i, row in above if i not in used]
     for i, row in above:
         if i not in used and len(notes) < 200:
             cells = [str(cell).strip() for cell in row if cell is not None]
             key = cells[0].rstrip(":=").strip()[:60] or f"note{i + 1}"
             notes.setdefault(key, " ".join(cells[1:])[:200])
     if not step_s:
-        step_s = _stated_step(notes)
+        step_s = next((step for row in left if (step := _stated_step(row, decimal))), 0.0)
     flags = [_values(row[:width], decimal) for row in rows[first:]]
     most = max(sum(f[j] for f in flags if len(f) > j) for j in range(width))
     numeric = [
         sum(f[j] for f in flags if len(f) > j) > (1 - MOSTLY_EMPTY) * most for j in range(width)
     ]
-    return GridLayout(first, width, _apart(headings), units, numeric, notes, step_s, start_s)
+    return GridLayout(
+        first, width, _apart(headings), units, numeric, notes, step_s, start_s, decimal, unclear,
+        header,
+    )  # fmt: skip
 
 
 def _stripped(row: Row) -> list[Any]:
@@ -187,9 +236,12 @@ def _stripped(row: Row) -> list[Any]:
     return cells
 
 
+def _texts(cells: Row) -> list[str]:
+    return ["" if cell is None else str(cell).strip().strip("\"'").strip() for cell in cells]
+
+
 def _fit(cells: Row, width: int) -> list[str]:
-    texts = ["" if cell is None else str(cell).strip().strip("\"'").strip() for cell in cells]
-    return (texts + [""] * width)[:width]
+    return (_texts(cells) + [""] * width)[:width]
 
 
 def _are_units(cells: Row) -> bool:
@@ -199,10 +251,10 @@ def _are_units(cells: Row) -> bool:
     return bool(known) and 2 * len(known) > len(texts)
 
 
-def _may_name(cells: Row, width: int) -> bool:
+def _may_name(cells: Row, width: int, decimal: str) -> bool:
     if not width - 1 <= len(cells) <= width + 2:
         return False
-    return any(number_of(cell) is None for cell in cells[:width])
+    return any(number_of(cell, decimal) is None for cell in cells[:width])
 
 
 def _beside(over: Row, below: Row, width: int) -> tuple[float, float]:
@@ -217,22 +269,38 @@ def _beside(over: Row, below: Row, width: int) -> tuple[float, float]:
     return out[0], out[1]
 
 
-def _stated_step(notes: dict[str, str]) -> float:
-    for key, text in notes.items():
-        plain = key.lower().replace("_", " ")
-        both = f"{key} {text}"
-        first = re.search(r"[-+]?\d+(?:[.,]\d+)?(?:e[-+]?\d+)?", text, re.IGNORECASE)
-        if first is None:
-            continue
-        value = float(first[0].replace(",", "."))
-        small = (
-            "ms" if re.search(r"\bms\b", both) else "us" if re.search(r"\b[uµ]s\b", both) else "s"
-        )
-        if _STEP.fullmatch(plain) and value > 0.0:
-            return value * {"s": 1.0, "ms": 1e-3, "us": 1e-6}[small]
-        if _RATE.fullmatch(plain) and value > 0.0:
-            return 1.0 / (value * (1e3 if re.search(r"\bk(Hz|S/s)", both) else 1.0))
-    return 0.0
+def _stated_step(row: Row, decimal: str) -> float:
+    """Return the sampling period [s] that a line of the preamble states, 0 if it states none or in
+    a unit that is not known."""
+    cells = _texts(row)
+    name = cells[0].rstrip(":=").strip().replace("_", " ") if len(cells) > 1 else ""
+    step, rate = _STEP.fullmatch(name), _RATE.fullmatch(name)
+    named, stated = step or rate, _STATED.fullmatch(cells[1]) if name else None
+    if named is None or stated is None:
+        return 0.0
+    value = number_of(stated[1], decimal)
+    if value is None:
+        value = number_of(stated[1], "," if decimal == "." else ".")
+    beside = "".join(cells[2:3])
+    if not (find_unit_key(beside) or _RATE_UNIT.fullmatch(beside)):
+        beside = ""
+    units = {unit for unit in (named[1], stated[2].strip(" []()") or beside) if unit}
+    factors = {_factor(unit, step is not None) for unit in units or {"s" if step else "Hz"}}
+    if not value or not 0.0 < value < math.inf or len(factors) > 1:
+        return 0.0
+    scaled = value * factors.pop()
+    return scaled if step or not scaled else 1.0 / scaled
+
+
+def _factor(unit: str, is_time: bool) -> float:
+    """Return the factor to seconds or to hertz, 0 for another unit."""
+    if is_time:
+        kind, _, factor = UNITS.get(find_unit_key(unit), ("", "", 0.0))
+        return factor if kind == TIME else 0.0
+    found = _RATE_UNIT.fullmatch(unit)
+    if found is None or unit.startswith("mH"):  # millihertz
+        return 0.0
+    return {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9}[found[1].lower()]
 
 
 def _apart(headings: Sequence[str]) -> list[str]:
@@ -255,6 +323,12 @@ def fill(
 ) -> Sheet:
     """Return the columns below a layout. rows: (place, fields); where: describes a place. Raises
     BadRecording naming the place of a field that is not a number."""
+    decimal = layout.decimal if decimal == "." else decimal
+    if layout.unclear:
+        raise BadRecording(
+            f"{name}: '{layout.unclear}' may have a decimal comma, or thousands set apart, and no "
+            "other number tells: write it with a decimal point, or without a mark for thousands"
+        )
     kept = [j for j in range(layout.width) if layout.numeric[j]]
     values: list[list[float]] = [[] for _ in kept]
     places: list[int] = []
@@ -268,10 +342,13 @@ def fill(
         numbers = [number_of(row[j], decimal) if j < size else math.nan for j in kept]
         if all(v is None or math.isnan(v) for v in numbers):
             texts += any(v is None for v in numbers)
+            refuse_other_headings(name, layout, row, where(place))
             continue
-        if len(row) < needed or size > layout.width + 2:
+        if len(row) < needed or size > layout.most:
+            there = "the headings are" if layout.header else "the other lines have"
             raise BadRecording(
-                f"{name}: {where(place)} has {size} fields, those before have {layout.width}"
+                f"{name}: {where(place)} has {size} fields, {there} {layout.most}: a field too "
+                f"{'few' if size < layout.most else 'many'}, or lines joined or broken"
             )
         for part, j, value in zip(values, kept, numbers, strict=True):
             if value is None or (abs(value) > LARGEST and not math.isinf(value)):
@@ -297,6 +374,23 @@ def fill(
     return found
 
 
+def refuse_other_headings(name: str, layout: GridLayout, row: Row, place: str) -> None:
+    """Raise BadRecording if a line of text between the numbers holds headings or units, but not
+    those above the numbers."""
+    cells = _texts(_stripped(row))
+    if cells in (layout.header, [unit for unit in layout.units if unit]):
+        return
+    known = sum(cell in layout.header for cell in cells if cell)
+    named = [cell for cell in cells if not re.search(r"(?<!\w)\d", cell)]  # not "moved by 5 um"
+    measured = sum(bool(split_heading(cell)[1]) for cell in named)
+    if known > 1 or (measured > 1 and 2 * measured > len(cells)):
+        shown = ", ".join(cells)[:60]
+        raise BadRecording(
+            f"{name}: {place} holds other headings ({shown}) than the first line of headings: cut "
+            "the file there into two"
+        )
+
+
 def note_form(found: Sheet, layout: GridLayout, texts: int) -> None:
     """Add remarks on the format."""
     if layout.notes:
@@ -310,3 +404,6 @@ def note_form(found: Sheet, layout: GridLayout, texts: int) -> None:
         found.said.append(f"without numbers and left out: {', '.join(left[:5])}")
     if texts:
         found.said.append(f"{texts} lines of text between the numbers left out")
+    found.said += layout.form
+    if layout.decimal == ",":
+        found.said.append("decimal commas")

@@ -70,6 +70,8 @@ def read_hdf5(path: Path) -> Sheet:
 def _unit_in(attributes: Any) -> str:
     for key in ("unit", "units", "Unit", "Units", "unit_string", "UNIT"):
         value = attributes.get(key)
+        if isinstance(value, np.ndarray) and value.size == 1:  # a list of one text
+            value = value.reshape(-1)[0]
         if value is not None:
             return text_of(value if isinstance(value, bytes) else str(value))[:40]
     return ""

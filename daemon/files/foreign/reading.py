@@ -62,6 +62,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add(
         "--columns",
         dest="reading_columns",
+        action="append",
         metavar="t=0,u=Voltage,y=...",
         help='the columns, by heading or number (from 0): t=0,u=Voltage,y="Weg (um)"',
     )
@@ -105,7 +106,7 @@ def reading_of(args: argparse.Namespace) -> ReadOptions:
     if rate_hz is not None and not rate_hz > 0.0:
         raise BadInput(f"--rate {rate_hz:g}: a number of rows a second above 0 is needed")
     return ReadOptions(
-        parse_columns(given("columns")) if given("columns") else {},
+        parse_columns(",".join(given("columns") or [])),
         rate_hz or 0.0,
         given("time_unit") or "",
         given("drive_unit") or "",

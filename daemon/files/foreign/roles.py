@@ -11,6 +11,7 @@ from dehyst.daemon.files.foreign.units import (
     TIME,
     UNITS,
     VOLTAGE,
+    read_heading,
     split_heading,
 )
 from dehyst.models.modelfile import UNIT_NAMES
@@ -45,6 +46,8 @@ _DISPLACEMENT = {
     "interferometer", "strain", "sgs", "capacitive", "vibrometer", "lvdt", "encoder", "deformation",
     "tilt", "angle", "output", "response", "ausgang", "dehnung", "position_measured", "travel",
 }  # fmt: skip
+_EITHER = {"measured", "output", "response", "ausgang"}
+"""Words that stand for a displacement, unless a voltage is named beside them."""
 _ROW = {"", "index", "idx", "no", "nr", "n", "row", "sample", "samples", "point", "sequence", "seq"}
 _PLAIN = re.compile(rf"(?:(t)_s|(u|y|target)_(?:{'|'.join(UNIT_NAMES)}))")
 
@@ -56,14 +59,17 @@ def words_of(name: str) -> set[str]:
     return words | {"spannung" for w in words if w.endswith("spannung")}
 
 
+def _words(heading: str) -> set[str]:
+    return words_of(read_heading(heading[: LONGEST_HEADING + 1]).name)
+
+
 def role_of(heading: str, unit: str) -> tuple[str, int]:
     """Return (t, u, y, target or "", confidence). unit: its key in UNITS if the file gives the unit
     apart from the heading."""
     last = heading.rpartition("/")[2][:LONGEST_HEADING]
     if plain := _PLAIN.fullmatch(last.rpartition(".")[2]):
         return plain[1] or plain[2], PLAIN
-    name, own = split_heading(heading[: LONGEST_HEADING + 1])
-    words, kind = words_of(name), UNITS[own or unit][0] if own or unit else ""
+    words, kind = _words(heading), kind_of(heading, unit)
     sensed = bool(words & _DISPLACEMENT)
     driven = bool(words & _DRIVE)
     if kind == OTHER or "model" in words:  # a model's prediction is not a measurement
@@ -81,9 +87,23 @@ def role_of(heading: str, unit: str) -> tuple[str, int]:
     if driven and sensed:
         return {VOLTAGE: "u", LENGTH: "y", ANGLE: "y"}.get(kind, ""), BY_UNIT
     if words & _VOLTAGE and kind in (VOLTAGE, ""):
-        return "u", BY_WORD if name else BY_UNIT
+        return "u", BY_WORD
     by_unit = {VOLTAGE: "u", LENGTH: "y", ANGLE: "y", COUNTS: ""}.get(kind, "")
     return by_unit, BY_UNIT if by_unit else 0
+
+
+def kind_of(heading: str, unit: str) -> str:
+    """Return the quantity that a column's unit measures, "" if no unit that is known is given."""
+    key = read_heading(heading[: LONGEST_HEADING + 1]).unit or unit
+    return UNITS[key][0] if key else ""
+
+
+def may_be_drive(heading: str, unit: str) -> bool:
+    """Return whether a heading such as "Output voltage (V)" or "Voltage measured (V)" may name the
+    drive, although one of its words also stands for a displacement."""
+    words = _words(heading)
+    either = bool(words & _EITHER) and not words & (_DISPLACEMENT - _EITHER)
+    return either and bool(words & _VOLTAGE) and kind_of(heading, unit) in (VOLTAGE, "")
 
 
 def counts_rows(heading: str) -> bool:

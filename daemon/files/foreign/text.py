@@ -5,14 +5,30 @@ import gzip
 import re
 import zlib
 from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dehyst.daemon.files.csv_table import LARGEST, LONGEST_LINE, MOST_PACKED, TRUSTED_BYTES
+from dehyst.daemon.files.csv_table import (
+    LARGEST,
+    LONGEST_LINE,
+    MOST_PACKED,
+    TRUSTED_BYTES,
+    is_missing,
+)
 from dehyst.daemon.files.foreign.found import Column, Sheet
-from dehyst.daemon.files.foreign.grid import LOOKED_AT, GridLayout, fill, lay_out, note_form, score
+from dehyst.daemon.files.foreign.grid import (
+    LOOKED_AT,
+    GridLayout,
+    fill,
+    find_decimal,
+    lay_out,
+    note_form,
+    refuse_other_headings,
+    score,
+)
 from dehyst.models.errors import BadRecording
 
 MOST_TEXT = 256 << 20
@@ -81,44 +97,43 @@ def understand_text(name: str, text: str) -> Sheet:
     if max(len(lines[i]) for i in places) > 8192:
         places = places[:50]
     sample = [lines[i] for i in places]
-    best: tuple[int, str, str, str] = (0, "", "", "")
+    best: tuple[int, str, str] = (0, "", "")
     for separator, word in SEPARATORS:
         split = splitter(separator)
         rows = [split(line) for line in sample]
         if max(map(len, rows)) < 2:
             continue
-        for decimal in (".", ","):
-            if decimal == separator:
-                continue
-            gain = score(rows, decimal)[0]
-            if gain > best[0]:
-                best = gain, separator, decimal, word
-    gain, separator, decimal, word = best
+        gain = max(score(rows, decimal)[0] for decimal in (".", ","))
+        if gain > best[0]:
+            best = gain, separator, word
+    gain, separator, word = best
     if not gain:
         raise BadRecording(
             f"{name}: holds no rows of numbers separated by commas, semicolons, tabs or blanks"
         )
     split = splitter(separator)
-    layout = lay_out(name, [split(line) for line in sample], decimal)
-    _refuse_two_commas(name, layout, [split(line) for line in sample], separator)
+    rows = [split(line) for line in sample]
+    rest = lines[places[-1] + 1 :] if separator != "," else []
+    later = [split(line) for line in islice((line for line in rest if "," in line), LOOKED_AT)]
+    decimal, unclear = find_decimal(rows + later, habit="," if separator == ";" else "")
+    layout = lay_out(name, rows, decimal)
+    layout.unclear = unclear
+    layout.form = [f"separated by {word}"] if separator != "," else []
+    _refuse_two_commas(name, layout, rows, separator)
     if not separator:
         _join_headings(layout, sample)
     first = places[layout.first]
     found = _quickly(lines, first, layout, separator, decimal, split)
     if found is None:
-        rows_of = ((i, split(lines[i])) for i in range(first, len(lines)) if not _note(lines[i]))
+        rows_of = _without_notes(name, lines, first, layout, split)
         found = fill(name, layout, rows_of, decimal, lambda place: f"line {place + 1}")
-    if separator != ",":
-        found.said.append(f"separated by {word}")
-    if decimal == ",":
-        found.said.append("decimal commas")
     return found
 
 
 def splitter(separator: str) -> Callable[[str], list[str]]:
     """Return a function that splits a line into its fields."""
     if not separator:
-        return lambda line: line.split()
+        return re.compile(r"[^ \t\f\v]+").findall  # a no-break space may be in a number
 
     def split(line: str) -> list[str]:
         if '"' in line:
@@ -131,8 +146,20 @@ def splitter(separator: str) -> Callable[[str], list[str]]:
     return split
 
 
-def _note(line: str) -> bool:
-    return line.lstrip()[:1] in ("#", "%", "!")
+def _without_notes(
+    name: str,
+    lines: Sequence[str],
+    first: int,
+    layout: GridLayout,
+    split: Callable[[str], list[str]],
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield (place, fields) of the lines from the first row on, except notes."""
+    for i in range(first, len(lines)):
+        row = split(lines[i])
+        if lines[i].lstrip()[:1] in ("#", "%", "!") and not is_missing(row[0].strip()):
+            refuse_other_headings(name, layout, row, f"line {i + 1}")
+        else:
+            yield i, row
 
 
 def _quickly(
@@ -145,9 +172,9 @@ def _quickly(
 ) -> Sheet | None:
     """Read with numpy's own reader; return None if a row is not plain enough for it."""
     kept = [j for j in range(layout.width) if layout.numeric[j]]
-    if any(":" in cell for cell in split(lines[first])):
+    if layout.unclear or any(":" in cell for cell in split(lines[first])):
         return None
-    body: Iterator[str] = iter(lines[first:])
+    body = _plain(lines[first:], layout, separator, decimal)
     if decimal == ",":
         body = (line.replace(",", ".") for line in body)
     try:
@@ -169,6 +196,20 @@ def _quickly(
     )
     note_form(found, layout, 0)
     return found
+
+
+def _plain(lines: Sequence[str], layout: GridLayout, separator: str, decimal: str) -> Iterator[str]:
+    """Yield the lines. Raises ValueError at one that has to be read field by field, because numpy
+    would pass over a further field or a mark for thousands."""
+    for line in lines:
+        if separator:
+            size = line.rstrip(separator + " \t").count(separator) + 1
+        else:
+            size = len(line.split())
+        marked = decimal == "," and ("." in line or separator == ",")
+        if size > layout.most or marked or not line.isascii():
+            raise ValueError
+        yield line
 
 
 def _refuse_two_commas(

@@ -12,13 +12,24 @@ import numpy as np
 
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
-from dehyst.daemon.files.foreign.roles import BY_UNIT, NAMES, PLAIN, counts_rows, role_of
+from dehyst.daemon.files.foreign.roles import (
+    BY_UNIT,
+    BY_WORD,
+    NAMES,
+    PLAIN,
+    counts_rows,
+    kind_of,
+    may_be_drive,
+    role_of,
+)
 from dehyst.daemon.files.foreign.units import (
+    ANGLE,
     LENGTH,
     TIME,
     UNITS,
     VOLTAGE,
     find_unit_key,
+    read_heading,
     split_heading,
 )
 from dehyst.models.errors import BadRecording
@@ -28,6 +39,13 @@ from dehyst.models.recording import Floats
 SURELY_SECONDS = 0.02
 """Times without a unit that step by less than this [s] are seconds: as milliseconds they would mean
 more than 50 kHz, which no recording of a stage needs."""
+DATES, DATE_STEP = ((30_000.0, 80_000.0), (700_000.0, 750_000.0)), 2e-5
+"""Serial dates of spreadsheets and of MATLAB in this century [days], and more than their step at
+one row per second. In seconds that step would mean 50 kHz."""
+LEAST_STEP_S = 2e-7
+"""Times without a unit that step by less than this are days rather than seconds."""
+ROLE_NAMES = r"(t|u|y|target)(_.*)?"
+NO_UNIT = {"", "-", "--", "none", "n/a", "na"}
 
 
 @dataclass
@@ -55,6 +73,8 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
         if role in chosen:
             given = reading.drive_unit if role == "u" else reading.unit
             _take(role, columns[chosen[role]], chosen[role], given, out, said, asked)
+    for channel in [name for name in chosen if name not in NAMES]:
+        _keep_as(channel, columns[chosen[channel]], chosen[channel], out, said, asked)
     if asked:
         raise BadRecording(f"{name}: {'; '.join(asked)}")
     for i, column in enumerate(columns):
@@ -108,13 +128,15 @@ def _choose(
     if len(set(chosen.values())) < len(chosen):
         raise BadRecording(f"{name}: --columns names a column twice")
     free = [i for i in range(len(columns)) if i not in chosen.values()]
-    if not any(columns[i].heading or columns[i].unit or columns[i].clock for i in free):
+    if free and not any(columns[i].heading or columns[i].unit or columns[i].clock for i in free):
         _ask_by_number(columns, free, chosen, reading, wants, asked)
         return chosen
-    roles = {i: role_of(columns[i].heading, find_unit_key(columns[i].unit)) for i in free}
-    roles |= {i: ("t", BY_UNIT) for i in free if columns[i].clock and roles[i][0] != "t"}
+    roles = _roles(columns, free, "y" in chosen)
     if "target" in wants and not any(role == "target" for role, _ in roles.values()):
         roles = {i: ("target", sure) if r == "y" else (r, sure) for i, (r, sure) in roles.items()}
+    several: dict[str, list[int]] = {}
+    alike: dict[str, list[int]] = {}  # the same values in each run
+    which: list[str] = []
     both = False  # drive and displacement are requested together
     for role in NAMES:
         if role in chosen or (role == "t" and reading.rate_hz):
@@ -122,7 +144,7 @@ def _choose(
         best = max((sure for r, sure in roles.values() if r == role), default=0)
         found = [i for i, (r, sure) in roles.items() if r == role and sure == best]
         if len(found) > 1 and _all_the_same(columns, found):
-            found = found[:1]
+            alike[role], found = found, found[:1]
         if len(found) == 1:
             chosen[role] = found[0]
         elif found and (role in wants or role in "tuy"):
@@ -131,7 +153,8 @@ def _choose(
             if role == "u" and not any(r == "y" for r, _ in roles.values()) and "y" not in chosen:
                 option += "," + _option("y", columns, found).removeprefix("--columns ")
                 both = True
-            asked.append(f"{names}: which is the {NAMES[role]}? add {option}")
+            which.append(f"{names}: which is the {NAMES[role]}? add {option}")
+            several[role] = found
         elif role in wants and role != "t" and not (role == "y" and both):
             left = [i for i in free if not roles[i][0]]
             names = ", ".join(_label(columns[i], i) for i in range(min(len(columns), 6)))
@@ -139,7 +162,74 @@ def _choose(
                 f"no heading names the {NAMES[role]} (there are {names}): add "
                 + (_option(role, columns, left) if left else f"--columns {role}=...")
             )
+    run = several and _of_one_run(columns, alike | several, chosen)
+    if run := run or _of_one_run(columns, several, chosen):
+        if both:
+            run["y"] = run["u"]
+        options = [
+            _option(r, columns, of).removeprefix("--columns ") for r, of in sorted(run.items())
+        ]
+        which = [f"it holds several runs: name one, such as --columns {','.join(options)}"]
+    asked += which
+    _refuse_missing_roles(name, columns, chosen, several, reading)
     return chosen
+
+
+def _refuse_missing_roles(
+    name: str,
+    columns: Sequence[Column],
+    chosen: Mapping[str, int],
+    several: Mapping[str, Sequence[int]],
+    reading: ReadOptions,
+) -> None:
+    """Raise BadRecording if --columns makes a further channel of the only column for a role."""
+    for channel, i in chosen.items():
+        role, sure = role_of(columns[i].heading, find_unit_key(columns[i].unit))
+        free = role not in chosen and role not in several and not (role == "t" and reading.rate_hz)
+        if channel not in NAMES and role and sure >= BY_WORD and free:
+            raise BadRecording(
+                f"{name}: --columns {channel}=... takes {_label(columns[i], i)}, and no "
+                f"{NAMES[role]} is left: name another column with {role}=..., or "
+                f"leave out {channel}"
+            )
+
+
+def _roles(
+    columns: Sequence[Column], free: Sequence[int], displacement: bool
+) -> dict[int, tuple[str, int]]:
+    """Return role and confidence of each free column. displacement: it was named already."""
+    units = {i: find_unit_key(columns[i].unit) for i in free}
+    roles = {i: role_of(columns[i].heading, units[i]) for i in free}
+    roles |= {i: ("t", BY_UNIT) for i in free if columns[i].clock and roles[i][0] != "t"}
+    moves = [i for i in free if kind_of(columns[i].heading, units[i]) in (LENGTH, ANGLE)]
+    if displacement or any(roles[i][0] == "y" for i in moves):
+        for i in free:
+            if roles[i] == ("y", BY_WORD) and may_be_drive(columns[i].heading, units[i]):
+                roles[i] = "u", BY_UNIT
+    return roles
+
+
+def _of_one_run(
+    columns: Sequence[Column], several: Mapping[str, list[int]], chosen: Mapping[str, int]
+) -> dict[str, list[int]]:
+    """Return the candidates for each role that are in one group or sheet, that of a chosen column
+    if possible; {} if the candidates are not in different ones."""
+    groups = [_path(column.heading)[:-1] for column in columns]
+    for found in [*several.values()][:1]:
+        for depth in range(1, 1 + min(len(groups[i]) for i in found)):
+            for run in [groups[i][:depth] for i in (*chosen.values(), found[0])]:
+                inside = {
+                    r: [i for i in of if groups[i][:depth] == run] for r, of in several.items()
+                }
+                if all(0 < len(inside[role]) < len(of) for role, of in several.items()):
+                    return inside
+    return {}
+
+
+def _path(heading: str) -> list[str]:
+    """Return groups and name of a column: "Run 1/U (V)", but not "U / V" or "Velocity (um/s)"."""
+    path = re.split(r"/(?![^\[({<]*[\])}>])", heading)
+    return [heading] if path[-1][:1] in ("", " ") or find_unit_key(path[-1]) else path
 
 
 def _option(role: str, columns: Sequence[Column], of: Sequence[int]) -> str:
@@ -205,6 +295,13 @@ def _unit(column: Column) -> str:
     return find_unit_key(column.unit) or split_heading(column.heading)[1]
 
 
+def _stated(column: Column) -> str:
+    """Return what the file gives as the unit if it is not a known one, "" otherwise."""
+    if column.unit.strip().lower() not in NO_UNIT:
+        return "" if find_unit_key(column.unit) else column.unit.strip()
+    return read_heading(column.heading).stated
+
+
 def _take_time(
     number: int | None,
     columns: Sequence[Column],
@@ -229,12 +326,27 @@ def _take_time(
     values = np.asarray(column.values, dtype=np.float64)
     if column.clock and not unit:
         unit = "s"
+    if not reading.time_unit and not column.clock and (stated := _stated(column)):
+        asked.append(
+            f"{label} states '{stated[:40]}', which is not a known unit of time: add --time-unit "
+            "s, ms or us, or --rate HZ"
+        )
+        return
     if not unit:
         known = np.diff(values[np.isfinite(values)])
         step = float(np.median(known[known > 0.0])) if np.any(known > 0.0) else 0.0
         if not 0.0 < step < SURELY_SECONDS:
             asked.append(
                 f"{label} steps by {step:.4g}, and gives no unit: add --time-unit s, ms or us"
+            )
+            return
+        first = float(values[np.isfinite(values)][0])
+        dated = step < DATE_STEP and any(low <= first <= high for low, high in DATES)
+        if dated or step < LEAST_STEP_S:
+            asked.append(
+                f"{label} begins at {first:.9g}, steps by {step:.4g}, and gives no unit: if these "
+                "are days, write (days) into the heading or add --rate HZ; otherwise add "
+                "--time-unit s, ms or us"
             )
             return
         unit, label = "s", f"{label}, taken as seconds"
@@ -260,7 +372,23 @@ def _take(
     asked: list[str],
 ) -> None:
     """Convert drive, displacement or target to a unit that recordings use."""
-    unit, label = find_unit_key(given) or _unit(column), _label(column, number)
+    own, stated, label = _unit(column), _stated(column), _label(column, number)
+    unit = find_unit_key(given) or own
+    option = "--drive-unit" if role == "u" else "--unit"
+    if stated and not given:
+        asked.append(
+            f"{label} states '{stated[:40]}', which is not a known unit: add {option} and the unit "
+            f"of these numbers ({', '.join(UNIT_NAMES)})"
+        )
+        return
+    in_heading = not find_unit_key(column.unit)
+    usable = own != "" and UNITS[own][1] in UNIT_NAMES
+    if usable and own != unit and (in_heading or UNITS[own][0] == UNITS[unit][0]):
+        asked.append(
+            f"{label} is in {own}, but {option} says {unit}: without {option} it is read in "
+            f"{own}; if the heading is wrong, correct it in the file"
+        )
+        return
     if not unit and role == "u":
         unit, label = "v", f"{label}, taken as volts"
     if not unit:
@@ -270,7 +398,6 @@ def _take(
         return
     _, kept, factor = UNITS[unit]
     if kept not in UNIT_NAMES:
-        option = "--drive-unit" if role == "u" else "--unit"
         asked.append(f"{label} is in {unit}, which is no {NAMES[role]}; add {option} or --columns")
         return
     values = np.asarray(column.values, dtype=np.float64)
@@ -283,16 +410,35 @@ def _take(
     said.append(f"{NAMES[role]} from {label}")
 
 
+def _keep_as(
+    name: str,
+    column: Column,
+    number: int,
+    out: dict[str, Floats],
+    said: list[str],
+    asked: list[str],
+) -> None:
+    """Add a further channel under the name that --columns gives it; its values are unchanged."""
+    label, own, named = _label(column, number), _unit(column), split_heading(name)[1]
+    if re.fullmatch(ROLE_NAMES, name):
+        asked.append(f"--columns {name}=...: the name {name} is not free for a further channel")
+    elif own and named and own != named and UNITS[own][0] == UNITS[named][0]:
+        asked.append(f"--columns {name}=...: {label} is in {own}; give it a name that says so")
+    else:
+        out[name] = np.asarray(column.values, dtype=np.float64)
+        said.append(f"{name} from {label}")
+
+
 def _keep(column: Column, reading: ReadOptions, out: dict[str, Floats]) -> None:
     """Add a further channel, under a name that a recording may use."""
-    name, own = split_heading(column.heading.rpartition("/")[2])
+    name, own = split_heading(_path(column.heading)[-1])
     unit = find_unit_key(column.unit) or own
     plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or "channel"
     if unit and UNITS[unit][0] in (TIME, VOLTAGE, LENGTH) and UNITS[unit][2] != 1.0:
         plain = f"{plain}_{unit}"
     elif unit:
         plain = f"{plain}_{UNITS[unit][1]}"
-    if re.fullmatch(r"(t|u|y|target)(_.*)?", plain):  # not a role that was ruled out
+    if re.fullmatch(ROLE_NAMES, plain):  # not a role that was ruled out
         plain = f"other_{plain}"
     if plain.startswith("temperatur") and unit == "c":
         plain = "temp_c"

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import dataclass
 
 TIME, VOLTAGE, LENGTH, ANGLE, COUNTS, OTHER = (
     "time",
@@ -20,6 +21,7 @@ UNITS: dict[str, tuple[str, str, float]] = {
     "ns": (TIME, "s", 1e-9),
     "min": (TIME, "s", 60.0),
     "h": (TIME, "s", 3600.0),
+    "d": (TIME, "s", 86400.0),
     "v": (VOLTAGE, "v", 1.0),
     "mv": (VOLTAGE, "v", 1e-3),
     "kv": (VOLTAGE, "v", 1e3),
@@ -51,6 +53,7 @@ SPELLED = {
     **dict.fromkeys(("usec", "microsecond", "microseconds", "mikrosekunden"), "us"),
     **dict.fromkeys(("minute", "minutes", "minuten"), "min"),
     **dict.fromkeys(("hour", "hours", "hr", "stunden"), "h"),
+    **dict.fromkeys(("day", "days", "tag", "tage"), "d"),
     **dict.fromkeys(("volt", "volts"), "v"),
     **dict.fromkeys(("millivolt", "millivolts"), "mv"),
     **dict.fromkeys(("kilovolt", "kilovolts"), "kv"),
@@ -74,31 +77,111 @@ SPELLED = {
 }  # fmt: skip
 
 
+CASE_DECIDES = {"ms", "ns", "mv", "mm", "nm", "pm", "mrad", "ma"}
+"""Units that mean something else with a capital first letter: MV, Mm, Nm. A heading in capitals
+throughout has them all the same, except for MV: megavolts are written so, too."""
+
+
 def find_unit_key(text: str) -> str:
     """Return the unit's key in UNITS for "µm", "Volt", "[ms]" and so on; "" if it is not a unit."""
-    plain = text.strip().strip("[](){}<>").strip().lower().replace("µ", "u").replace("μ", "u")
+    given = text.strip().strip("[](){}<>").strip()
+    plain = given.lower().replace("µ", "u").replace("μ", "u")
+    if plain in CASE_DECIDES and given[0].isupper() and (plain == "mv" or not given.isupper()):
+        return ""
     plain = SPELLED.get(plain, plain)
     return plain if plain in UNITS else ""
 
 
-_IN_BRACKETS = re.compile(r"(.*?)\s*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]\s*")
-_BEHIND_A_MARK = re.compile(r"(.*?\S)\s*(?:/|,|;|:|\bin\b)\s*(\S+)\s*")
+_BRACKETS = re.compile(r"[\[({<]([^\[\](){}<>]*)(?:[\])}>]|$)")
+_FACTOR = re.compile(r"[x×*·/÷^]\s*\d|\d\s*[x×*·/÷^]|\de[+-]?\d|[.,]\d", re.IGNORECASE)
+_BEHIND_A_MARK = re.compile(r"(.*?\S)(\s*(?:/|,|;|:|\bin\b)\s*)(\S+)\s*")
 _LAST_WORD = re.compile(r"(.*[^\W_].*?|.*[^\W_])[_\s.-]+([^\W\d_]+|°C?|%)\s*")
+_REPEATED = re.compile(r"\.\d{1,3}$")
+_PREFIX = "(?:da|[YZEPTGMkhdcmuµμnpf])"
+_LIKE_A_UNIT = re.compile(
+    rf"{_PREFIX}(?:V|m|s|A|C|F|N|W|J|g|T)|{_PREFIX}?(?:bar|Pa|psi|eV|rad|Hz|Ohm|Torr)|inch|mil"
+)
 
 
 LONGEST_HEADING = 120
 
 
-def split_heading(text: str) -> tuple[str, str]:
-    """Split a heading into (name, unit's key): "Time (s)", "U / V", "t_ms", "Displacement [um]";
-    the unit is "" if none is given."""
+@dataclass(frozen=True)
+class Heading:
+    """name: without the unit; unit: key in UNITS, "" if none that is known is given; stated: what
+    is given as the unit but is not known, ""."""
+
+    name: str
+    unit: str = ""
+    stated: str = ""
+
+
+def read_heading(text: str) -> Heading:
+    """Find the unit in a heading: "Time (s)", "U / V", "t_ms", "Displacement [um]". A number that
+    makes a repeated heading unique ("Voltage (mV).2") is not part of it."""
     text = text.strip().strip("\"'").strip()
     if len(text) > LONGEST_HEADING:  # matching time grows with the square of the length
-        return text, ""
-    if unit := find_unit_key(text):
-        return ("", unit) if len(text) > 1 or unit in ("v", "s") else (text, "")
-    for form in (_IN_BRACKETS, _BEHIND_A_MARK, _LAST_WORD):
-        found = form.fullmatch(text)
-        if found and (unit := find_unit_key(found[2])):
-            return found[1].strip(), unit
-    return text, ""
+        return Heading(text)
+    plain = _REPEATED.sub("", text)
+    if unit := find_unit_key(plain):
+        return Heading("", unit) if len(plain) > 1 or unit in ("v", "s") else Heading(text)
+    if _BRACKETS.search(plain):
+        return _read_brackets(text, plain)
+    if behind := _BEHIND_A_MARK.fullmatch(plain):
+        name, mark, last = behind.groups()
+        before, _, over = name.replace("_", " ").rpartition(" ")
+        unit = find_unit_key(last)
+        quotient = "/" in mark and before and unit and find_unit_key(over)
+        if quotient and (mark == "/" or len(over) > 1):  # the s in "Weg s / um" is a name
+            return Heading(before, "", f"{over}{mark}{last}")
+        if unit:
+            return Heading(name, unit)
+        if _is_like_a_unit(last):
+            return Heading(name, "", last)
+        if mark.strip() == "/" != mark:
+            return Heading(text, "", last)
+    if (word := _LAST_WORD.fullmatch(plain)) and word[2].lower() != "d":  # as in "Sensor D"
+        if unit := find_unit_key(word[2]):
+            return Heading(word[1].strip(), unit)
+        if _is_like_a_unit(word[2]):
+            return Heading(word[1].strip(), "", word[2])
+    return Heading(text)
+
+
+def _is_like_a_unit(text: str) -> bool:
+    """Return whether a text is a unit that is not known, such as "dV", "MS" or "V/mm"."""
+    first = re.split(r"[/*·^]", text)[0]
+    known = find_unit_key(first) or first.lower() in CASE_DECIDES
+    return bool(known or _LIKE_A_UNIT.fullmatch(first))
+
+
+def _read_brackets(text: str, plain: str) -> Heading:
+    """Find the unit in a heading with brackets: the only unit in them or behind them. Any other
+    content may be a unit that is not known, or a factor."""
+    rest = _BRACKETS.split(plain)[-1]
+    behind = rest.strip(" _/,;:.-").removeprefix("in ")
+    name, inside = plain, []
+    while found := _BRACKETS.search(name):
+        inside.append(found[1].strip())
+        name = f"{name[: found.start()]} {name[found.end() :]}"
+    name = " ".join(name.split())
+    units = {unit for word in inside if (unit := find_unit_key(word))}
+    others = [word for word in inside if word and not find_unit_key(word)]
+    if len(units) > 1:
+        return Heading(name, "", " and ".join(inside))
+    if factor := next((word for word in (*others, rest) if _FACTOR.search(word)), ""):
+        return Heading(name.removesuffix(rest.strip()).strip(), "", factor.strip())
+    if units:
+        return Heading(name if not others else text, units.pop())
+    if others and (unit := find_unit_key(behind)):
+        return Heading(text, unit)
+    words = all(re.fullmatch(r"[\w\s-]+", w) and not _is_like_a_unit(w) for w in others)
+    return Heading(text if words else name, "", others[0] if others else "")
+
+
+def split_heading(text: str) -> tuple[str, str]:
+    """Split a heading into (name, unit's key); the unit is "" if none that is known is given."""
+    found = read_heading(text)
+    if found.unit:
+        return found.name, found.unit
+    return text.strip().strip("\"'").strip(), ""

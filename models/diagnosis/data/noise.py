@@ -10,6 +10,7 @@ import numpy as np
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.periodic import period_samples
+from dehyst.models.signals.rounding import quantum, rounding_rms
 
 
 def noise_rms(data: Data, residual: Floats) -> float:
@@ -34,7 +35,7 @@ def noise_rms(data: Data, residual: Floats) -> float:
             slope = np.linspace(-0.5, 0.5, TUNING.segment)
             x = x - x.mean() - slope * (12.0 * float((x * slope).mean()))
             powers.append(np.abs(np.fft.rfft(x * window)) ** 2 / norm)
-    floor = quantum(data.y) / np.sqrt(12.0)
+    floor = rounding_rms(quantum(data.y))
     if data.repeats:
         return max(floor, _fourth_differences(data, residual), 1e-12)
     if data.missing > TUNING.crumb * data.n:
@@ -74,10 +75,3 @@ def _unrepeated(data: Data) -> float:
         d = np.diff(y[lag:] - y[:-lag])  # differenced once more: drift is not noise
         best = min(best, float(1.4826 * np.median(np.abs(d)) / 2.0))
     return best
-
-
-def quantum(y: Floats) -> float:
-    """Return the smallest step of the reading that occurs."""
-    steps = np.diff(np.unique(y[: min(y.size, 20000)]))
-    steps = steps[steps > 1e-9 * max(1.0, float(np.abs(y).max()))]
-    return float(steps.min()) if steps.size else 0.0

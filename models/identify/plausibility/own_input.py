@@ -15,6 +15,7 @@ from dehyst.models.identify.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording
 from dehyst.models.signals.drive_segments import count_reversing_segments
+from dehyst.models.signals.joined import Ints
 
 BUTTERFLY = (
     "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "
@@ -30,6 +31,9 @@ readings of each."""
 SCATTERED = 0.5
 """Scatter of the readings of one direction, as a fraction of the widest distance, above which no
 loop repeats."""
+FOLLOWS = 0.25
+"""Least share of the variance of a butterfly that level and direction of the drive explain. White
+noise gives 0, a butterfly at one amplitude more than 0.9."""
 
 
 @dataclass(frozen=True)
@@ -144,8 +148,7 @@ def measure_loop_width(u: Floats, y: Floats) -> float:
     reading."""
     if u.size < 4 * LEVELS or not np.ptp(u) or not np.ptp(y):
         return 0.0
-    level = np.minimum(((u - u.min()) / np.ptp(u) * LEVELS).astype(int), LEVELS - 1)
-    rises = np.gradient(u) > 0.0
+    level, rises = _levels(u), np.gradient(u) > 0.0
     widths, within = [], []
     for at in range(1, LEVELS - 1):
         up, down = y[(level == at) & rises], y[(level == at) & ~rises]
@@ -155,6 +158,20 @@ def measure_loop_width(u: Floats, y: Floats) -> float:
     if not widths or float(np.median(within)) > SCATTERED * max(widths):
         return 0.0
     return max(widths) / float(np.ptp(y))
+
+
+def _levels(u: Floats) -> Ints:
+    """Return the level (N,) of each value of a drive that is not constant."""
+    return np.minimum(((u - u.min()) / np.ptp(u) * LEVELS).astype(int), LEVELS - 1)
+
+
+def _follows(u: Floats, y: Floats) -> bool:
+    """Return whether level and direction of the drive (N,) explain a part of the reading (N,)."""
+    at = 2 * _levels(u) + (np.gradient(u) > 0.0)
+    count = np.bincount(at)
+    left = y - (np.bincount(at, y) / np.maximum(count, 1))[at]
+    free = max(y.size - int(np.count_nonzero(count)), 1)  # each mean follows a part of the noise
+    return float(left @ left) / free < (1.0 - FOLLOWS) * float(np.var(y))
 
 
 def _why_outside(model: Model, rows: Rows) -> str:
@@ -173,13 +190,14 @@ def _why_outside(model: Model, rows: Rows) -> str:
 
 
 def is_butterfly(u: Floats, y: Floats) -> bool:
-    """Return whether the displacement (N,) reverses within most long segments of the drive (N,)."""
+    """Return whether the displacement (N,) follows the drive (N,), and reverses within most of its
+    long segments."""
     known = ~np.isnan(u) & ~np.isnan(y)
     u, y = u[known], y[known]
     if u.size < 2 or not np.ptp(u) or not np.ptp(y):
         return False
     ways, backs = count_reversing_segments(u, y, float(np.ptp(u)), float(np.ptp(y)))
-    return ways > 0 and backs > 0.5 * ways
+    return ways > 0 and backs > 0.5 * ways and _follows(u, y)
 
 
 def _rms(x: Floats) -> float:

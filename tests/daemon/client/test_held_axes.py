@@ -48,24 +48,28 @@ def target(rig: Bench) -> float:
     return float(rig.loop.samples(rig.loop.seq - 1)[-1]["target"])
 
 
-def busy(held: HeldAxes, seconds: float) -> threading.Thread:
+def busy(held: HeldAxes, seconds: float) -> None:
     """Occupy the thread that uses the bus, so that what is asked for waits for its turn."""
-    held._jobs.put(lambda _: time.sleep(seconds))
-    return held._thread
+    begun = threading.Event()
+
+    def wait(_: Group) -> None:
+        begun.set()
+        time.sleep(seconds)
+
+    held._jobs.put(wait)
+    begun.wait()
 
 
 def test_a_stop_ends_a_wave_that_waits_for_its_turn(rig: Bench, held: HeldAxes) -> None:
-    axis, asked = axis_of(held), threading.Event()
+    axis = axis_of(held)
     busy(held, 1.0)
 
     def fly() -> None:
-        asked.set()
         with pytest.raises(NotNow, match="it was stopped"):
             held.fly(T_S, {axis: WAVE}, repeat=0)
 
     flying = threading.Thread(target=fly)
     flying.start()
-    asked.wait()
     wait_until("it waits", lambda: not held._jobs.empty())
     begun = rig.loop.seq
     held.stop()

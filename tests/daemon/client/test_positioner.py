@@ -15,8 +15,7 @@ import pytest
 from tests.rigs.gateway_bench import ROOT, Bench, environment, wait_until
 
 from dehyst.daemon.client.client import Client, Refusal
-from dehyst.daemon.client.positioner import Positioner, _Going
-from dehyst.daemon.client.stops import Stops
+from dehyst.daemon.client.positioner import Positioner, Stops, _Going
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.models.errors import BadInput, DehystError, NotNow
 

@@ -4,9 +4,14 @@ readable.
 Real processes and signals on the emulated bench.
 """
 
+import fcntl
 import os
+import pty
+import select
 import signal
 import subprocess
+import termios
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -63,8 +68,56 @@ def test_acquire_ended_before_its_first_sample_writes_nothing(
     assert at_v(bench) == pytest.approx(before_v, abs=READBACK_V)
 
 
+class Terminal:
+    """A terminal that a process controls, and whose output is read and dropped."""
+
+    def __init__(self) -> None:
+        self._ours, self.theirs = pty.openpty()
+        self._closing = threading.Event()
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self) -> None:
+        while not self._closing.is_set():
+            if select.select([self._ours], [], [], 0.01)[0]:
+                os.read(self._ours, 4096)
+        os.close(self._ours)
+
+    def close(self) -> None:
+        """Hang up. The kernel then sends SIGHUP, and each later write fails."""
+        self._closing.set()
+        self._reader.join()
+
+
+def test_acquire_whose_terminal_is_closed(
+    bench: EmulatedBench, tmp_path: Path, model: Path
+) -> None:
+    """The terminal of `acquire` is closed in the midst of the drive, as a lost ssh closes it: every
+    later print fails, and the progress bar's too."""
+    before_v, t_s = at_v(bench), np.arange(0.0, 60.0, 0.01)
+    write_recording(tmp_path / "drive.csv", t_s, {"u_v": 60.0 + 40.0 * (t_s / 60.0)})
+    output, config = tmp_path / "rec.csv", bench.config(RATE_HZ, model)
+    terminal = Terminal()
+    process = dehyst(
+        "acquire", str(tmp_path / "drive.csv"), "--config", str(config), "-o", str(output),
+        "--exercise", "0", stdout=terminal.theirs, stderr=terminal.theirs, start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(2, termios.TIOCSCTTY, 0),
+    )  # fmt: skip
+    os.close(terminal.theirs)
+    try:
+        until(lambda: at_v(bench) > 62.0, 120.0, "three seconds of the drive")
+        terminal.close()
+        assert process.wait(60.0) == 1
+    finally:
+        terminal.close()
+        process.kill()
+        process.wait(10.0)
+    assert at_v(bench) == pytest.approx(before_v, abs=READBACK_V)
+    assert read_recording(output, need_displacement=True).t_s[-1] > 2.5
+
+
 # the last one leaves the output where it is
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
 def test_acquire_ended_in_the_midst(
     bench: EmulatedBench, tmp_path: Path, model: Path, number: int
 ) -> None:

@@ -13,9 +13,15 @@ from tests.rigs.processes import EmulatedBench, dehyst
 from dehyst.daemon.config import load_controller
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.files.recordings import read_recording
+from dehyst.daemon.rings import run_folder
 from dehyst.daemon.setup.axes_steps import AXES_STEPS, write_axes_configuration
 from dehyst.daemon.setup.journal import Journal
-from dehyst.daemon.setup.moving_axes import small_loops, whose_gauges
+from dehyst.daemon.setup.moving_axes import (
+    find_owners,
+    record_axes_in_turn,
+    small_loops,
+    whose_gauges,
+)
 from dehyst.daemon.setup.names import NAMES
 from dehyst.daemon.setup.questions import UserPrompts, Wishes
 from dehyst.daemon.setup.sequence import do_steps
@@ -102,6 +108,19 @@ def test_exchanged_gauges_in_ones_own_configuration_end_it_before_the_range_is_u
         do_steps(bench, until="exercise")
     for path in tmp_path.glob("gentle-*.csv"):
         assert read_recording(path).drive.max() <= 20.0 + 1e-9
+
+
+def test_beside_a_daemon_no_axis_is_recorded(tmp_path: Path) -> None:
+    bench = workbench(tmp_path)
+    own_config(bench, "beside a daemon")
+    folder = load_controller(bench.config_path).directory
+    for step in (record_axes_in_turn, find_owners):
+        with (
+            run_folder.at_work(folder, run_folder.OUTPUT, "core", bench.config_path),
+            pytest.raises(run_folder.InUse),
+        ):
+            step(bench)
+    assert not list(tmp_path.glob("*.csv"))
 
 
 def test_small_loops_move_one_axis_at_a_time(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 conclude."""
 
 import io
+import signal
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 from rich.console import Console
 
 from dehyst.daemon.files.recordings import read_recording
+from dehyst.daemon.rings import run_folder
 from dehyst.daemon.setup import moving
 from dehyst.daemon.setup.comparison import SinePlan, judged
 from dehyst.daemon.setup.journal import Journal
@@ -44,6 +47,41 @@ def test_a_gauge_of_another_stage_ends_it_before_the_range_is_used(tmp_path: Pat
     drive = read_recording(only).drive
     assert drive.min() >= 10.0
     assert drive.max() <= 20.0 + 1e-9  # a tenth of the range above its low end
+
+
+def test_beside_a_daemon_nothing_is_played(tmp_path: Path) -> None:
+    bench = workbench(tmp_path)
+    bench.config_path.write_text(CONFIG.format(actuator="beside", sensor="beside"))
+    before_v, _ = bench.output_now(bench.config())
+    folder = bench.config().directory
+    with (
+        run_folder.at_work(folder, run_folder.OUTPUT, "core", bench.config_path),
+        pytest.raises(run_folder.InUse, match=r"in use by process \d+ \(dehyst core of"),
+    ):
+        moving.exercise_gently(bench)
+    assert not list(tmp_path.glob("*.csv"))
+    assert bench.output_now(bench.config())[0] == before_v
+
+
+def test_a_closed_terminal_ends_the_motion_in_order(tmp_path: Path) -> None:
+    bench = workbench(tmp_path)
+    bench.config_path.write_text(CONFIG.format(actuator="hung up", sensor="hung up"))
+    before_v, _ = bench.output_now(bench.config())
+    main, usual = threading.main_thread().ident, signal.getsignal(signal.SIGHUP)
+    assert main is not None
+
+    def hang_up() -> None:
+        if signal.getsignal(signal.SIGHUP) is not usual:  # it would kill this process
+            signal.pthread_kill(main, signal.SIGHUP)
+
+    timer = threading.Timer(0.7, hang_up)
+    timer.start()
+    with pytest.raises(NotNow, match=r"it was interrupted; .*unfinished-1\.csv"):
+        moving.exercise_gently(bench)
+    timer.join()
+    assert read_recording(tmp_path / "unfinished-1.csv").drive.size > 10
+    assert bench.output_now(bench.config())[0] == before_v
+    assert signal.getsignal(signal.SIGHUP) is usual
 
 
 def recording(gauge: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> Recording:

@@ -7,6 +7,8 @@ from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.data.survey import has_reversals_within_sweeps
+from dehyst.models.physics.registry import list_candidates
+from dehyst.models.physics.sensor import NonlinearSensor
 from dehyst.models.recording import Recording
 
 PHYSICS = {"shape", "unknown"}
@@ -152,3 +154,42 @@ def test_a_stage_without_hysteresis_is_reported_and_a_narrow_loop_is_none_of_the
         y = 0.9 * u + 0.01 * u**2 + width * play + noise
         d = diagnose_without_limits([Recording(t, u, y)])
         assert any("no hysteresis shows" in s for s in d.data.says) is reported
+
+
+def rounded(steps_in_range: int) -> list[Recording]:
+    given, plainly = [], recordings(plain)
+    step = float(np.ptp(plainly[0].displacement)) / steps_in_range
+    for one in plainly:
+        y = np.round(one.displacement / step) * step
+        given.append(Recording(one.t_s, one.drive, y, name=one.name))
+    return given
+
+
+@pytest.mark.parametrize("steps_in_range", [20, 7])
+def test_the_steps_of_a_reading_are_no_pattern_of_its_sensor(steps_in_range: int) -> None:
+    assert "sensor" not in names(diagnose_without_limits(rounded(steps_in_range)))
+
+
+@pytest.mark.parametrize("steps_in_range", [200, 20, 7])
+def test_no_pattern_is_searched_between_the_steps_of_a_reading(steps_in_range: int) -> None:
+    data = prepare(rounded(steps_in_range))
+    sensors = [c for c in list_candidates(data) if c.name == "sensor"]
+    assert len(sensors) == (steps_in_range > 10)
+    for sensor in sensors:
+        shortest = 1.9 * float(np.ptp(data.y)) / steps_in_range
+        assert sensor.parameters[0].low > shortest
+        starts = sensor.starts(data, np.sin(2 * np.pi * data.y))
+        assert len(starts) == 3
+        assert min(starts)[0] > shortest
+
+
+def test_no_sensor_errs_by_more_than_its_reading() -> None:
+    data = prepare(recordings(plain))
+    sensor = NonlinearSensor(data)
+    span = float(np.ptp(data.y))
+    within, beyond = np.array([0.6 * span, 0.7 * span]), np.array([0.0, 1.1 * span])
+    period = (0.1 * span,)
+    assert sensor.plausibility_weight(period, within) == 1.0
+    assert not sensor.implausible(period, within, data)
+    assert sensor.plausibility_weight(period, beyond) == 0.0
+    assert "range of the reading" in sensor.implausible(period, beyond, data)

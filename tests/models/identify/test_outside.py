@@ -82,3 +82,14 @@ def test_rows_that_were_left_out_are_simulated_and_reported() -> None:
     y[:250] += 0.3 * (y.max() - y.min())  # the stage was touched at the start
     found = identify([type(one)(one.t_s, one.drive, y, name="touched.csv")])
     assert any("rows were left out" in note for note in found.notes) or not found.used[0].all()
+
+
+@pytest.mark.parametrize("rms_um", [0.2, 0.5, 1.0, 2.0])
+def test_pure_noise_is_no_butterfly(rms_um: float) -> None:
+    t = np.arange(4000) * 2e-3
+    size = np.where(t < 4, 1.0, np.where(t < 6, 0.6, 0.3))
+    u = 50 - 50 * (2 * np.abs(2 * (t % 1) - 1) - 1) * size
+    for seed in range(3):
+        y = np.random.default_rng(seed).normal(0.0, rms_um, t.size)
+        with pytest.raises(BadRecording, match="does not follow the drive"):
+            identify([type(linear())(t, u, y, name="noise.csv")])

@@ -1,5 +1,6 @@
 """The validation of a model does not depend on the delays of a busy recorder."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -61,3 +62,28 @@ def test_rows_at_late_samples_are_not_judged() -> None:
 
 def test_stamps_that_are_never_regular_are_no_late_samples() -> None:
     assert judged(0, jitter=25)[0].late == 0
+
+
+def read_with(noise_um: float, error: float = 0.0) -> Validation:
+    """Validate on a gauge with more noise, of a stage whose displacement differs by a fraction."""
+    one = recorded(0, 2)
+    assert one.displacement is not None
+    more = noise_um * np.random.default_rng(4).standard_normal(N)
+    return validate(
+        found().model, replace(one, displacement=(1.0 + error) * one.displacement + more)
+    )
+
+
+def test_the_noise_of_a_noisier_gauge_is_no_error_of_the_model() -> None:
+    claim = read_with(0.0).claim
+    assert claim is not None
+    noisier = read_with(6.0 * claim)
+    assert noisier.rms > 5.0 * claim
+    assert noisier.white
+    assert not noisier.worse
+
+
+def test_a_wrong_model_is_worse_on_a_noisier_gauge_too() -> None:
+    claim = read_with(0.0).claim
+    assert claim is not None
+    assert read_with(6.0 * claim, error=0.3).worse

@@ -173,3 +173,137 @@ CHANGES += room(
         tests=("tests/daemon/files/test_recordings.py",),
     ),
 )  # fmt: skip
+
+NUMBERS = "tests/daemon/files/test_foreign_text_numbers.py"
+TABLE, GRID, TEXT = "daemon/files/csv_table.py", f"{FOREIGN}/grid.py", f"{FOREIGN}/text.py"
+CHANGES += room(
+    (NUMBERS,),
+    Change(
+        "nought-is-a-group", GRID,
+        're.compile(r"[+-]?[1-9]\\d{0,2}(,',
+        're.compile(r"[+-]?\\d{1,3}(,',
+        "decimal commas with three decimals are read a thousand times too large",
+    ),
+    Change(
+        "open-decimal-guessed", GRID, "    if layout.unclear:", "    if False:",
+        "a decimal comma or thousands: one of the two is guessed",
+    ),
+    Change(
+        "german-habit-forgotten", TEXT, 'habit="," if separator == ";" else ""', 'habit=""',
+        "a German file of whole milliseconds is refused",
+    ),
+    Change(
+        "thousands-points-are-decimal", TEXT,
+        'decimal == "," and ("." in line or', 'decimal == "," and (',
+        "1.453 nm of a German file is read as 1.453, not 1453",
+    ),
+    Change(
+        "comment-inside-a-number", TABLE, 're.compile(r"(?m)(?:^|(?<=[ \\t]))#.*")',
+        're.compile(r"#.*")', "1.#IND, which is no number, is read as 1",
+    ),
+    Change(
+        "further-field-passed-over", TEXT, "if size > layout.most or marked", "if marked",
+        "a row with a field too many is shifted, and of two joined rows one is lost",
+    ),
+    Change(
+        "other-headings-passed-over", GRID,
+        "    if known > 1 or (measured > 1 and 2 * measured > len(cells)):", "    if False:",
+        "from a second line of headings on drive and displacement are exchanged",
+    ),
+    Change(
+        "rate-in-any-unit", GRID, "return factor if kind == TIME else 0.0", "return factor",
+        "an increment of 5 V is taken as a sampling period of 5 s",
+    ),
+    Change(
+        "megahertz-lost", GRID, '"m": 1e6, "g": 1e9', '"m": 1.0, "g": 1e9',
+        "a stated rate in MHz is a million times too low",
+    ),
+    Change(
+        "packed-in-capitals", TABLE,
+        '    opener = gzip.open if path.suffix.lower() == ".gz" else open\n    try:',
+        '    opener = gzip.open if path.suffix == ".gz" else open\n    try:',
+        "RUN.CSV.GZ is refused as no text",
+    ),
+)  # fmt: skip
+CHANGES += room(
+    ("tests/daemon/files/test_foreign_units.py",),
+    Change(
+        "unknown-unit-is-volts", f"{FOREIGN}/understand.py", "if stated and not given:",
+        'if stated and not given and role != "u":', "decivolts, bars and kV/mm are read as volts",
+    ),
+    Change(
+        "mega-is-milli", f"{FOREIGN}/units.py",
+        "if plain in CASE_DECIDES and given[0].isupper():", "if False:",
+        "megavolts are read as millivolts",
+    ),
+    Change(
+        "factor-in-brackets", f"{FOREIGN}/units.py",
+        "if factor := next((word for word in (*others, rest) if _FACTOR.search(word)), \"\"):",
+        'if factor := "":', "a drive in units of 100 V is read in volts",
+    ),
+    Change(
+        "quotient-is-its-last-unit", f"{FOREIGN}/units.py",
+        'quotient = "/" in mark and before and unit and find_unit_key(over)', 'quotient = ""',
+        "a strain in um/m is read in metres",
+    ),
+    Change(
+        "suffix-hides-a-unit", f"{FOREIGN}/units.py", 'plain = _REPEATED.sub("", text)',
+        "plain = text", "the second column in mV of one name is read in volts",
+    ),
+    Change(
+        "attribute-in-a-list", f"{FOREIGN}/libraries.py",
+        "if isinstance(value, np.ndarray) and value.size == 1:", "if False:",
+        "a unit that an HDF5 file holds as a list of one text is not recognised",
+    ),
+    Change(
+        "named-channel-deleted", f"{FOREIGN}/understand.py",
+        "        out[name] = np.asarray(column.values, dtype=np.float64)\n", "",
+        "a channel that --columns names is missing from the recording",
+    ),
+    Change(
+        "drive-renamed-away", f"{FOREIGN}/understand.py",
+        "if channel not in NAMES and role and sure >= BY_WORD and free:", "if False:",
+        "--columns makes a further channel of the only drive, without a word",
+    ),
+    Change(
+        "two-columns-named", f"{FOREIGN}/understand.py",
+        "if free and not any(columns[i].heading", "if not any(columns[i].heading",
+        "a file with its own period and two columns is refused once both are named",
+    ),
+    Change(
+        "days-are-seconds", f"{FOREIGN}/understand.py",
+        "if dated or step < LEAST_STEP_S:", "if step < 0.0:",
+        "times in days are read as seconds, so every rate is off by a factor of 86400",
+    ),
+    Change(
+        "seconds-of-a-day-are-dates", f"{FOREIGN}/understand.py",
+        "dated = step < DATE_STEP and any(", "dated = any(",
+        "times in seconds since midnight are taken for dates",
+    ),
+    Change(
+        "unit-of-time-passed-over", f"{FOREIGN}/understand.py",
+        "if not reading.time_unit and not column.clock and (stated := _stated(column)):",
+        'if stated := "":', "times in a unit that is not known are read as seconds",
+    ),
+    Change(
+        "option-overrules-heading", f"{FOREIGN}/understand.py",
+        "if usable and own != unit and (in_heading or UNITS[own][0] == UNITS[unit][0]):",
+        "if False:", "a displacement in nm is written down in um with the same numbers",
+    ),
+    Change(
+        "measured-voltage-moves", f"{FOREIGN}/understand.py",
+        'roles[i] == ("y", BY_WORD) and may_be_drive(', "False and may_be_drive(",
+        "the measured voltage is read as the displacement, although a column in um is there",
+    ),
+    Change(
+        "advice-mixes-runs", f"{FOREIGN}/understand.py",
+        "if all(0 < len(inside[role]) < len(of) for role, of in several.items()):", "if False:",
+        "the drive of one run is advised with the displacement of another",
+    ),
+    Change(
+        "last-columns-option-wins", f"{FOREIGN}/reading.py",
+        'parse_columns(",".join(given("columns") or []))',
+        'parse_columns((given("columns") or [""])[-1])',
+        "of several --columns options all but the last are passed over",
+    ),
+)  # fmt: skip

@@ -198,3 +198,83 @@ CHANGES += room(
         "a single loop that begins in its middle counts as two sizes",
     ),
 )
+CHANGES += (
+    room(
+        ("tests/models/identify/test_rounded_reading.py",),
+        Change(
+            "rounding-is-no-noise",
+            UNCERTAINTY,
+            "    if step <= noise:\n",
+            "    if True:\n",
+            "a coarse gauge has no noise or twice its noise, and a good model is sent to diagnosis",
+        ),
+        Change(
+            "coarse-gauge-judges-the-band",
+            VALIDATION,
+            'return "" if self.coarse else "too wide"',
+            'return "too wide"',
+            "a band is called too wide by a gauge that cannot show it",
+        ),
+    )
+    + room(
+        ("tests/models/diagnosis/test_data_first.py",),
+        Change(
+            "rounding-is-a-ripple",
+            "models/physics/sensor.py",
+            "coarse = quantum(data.y) > COARSEST * float(np.ptp(data.y))",
+            "coarse = False",
+            "a pattern is searched between the steps of a reading",
+        ),
+        Change(
+            "ripple-of-one-step",
+            "models/physics/sensor.py",
+            "RESOLVED * quantum(data.y))",
+            "0.0)",
+            "the rounding of a gauge is reported as a fault of the sensor",
+        ),
+        Change(
+            "ripple-beyond-the-reading",
+            "models/physics/sensor.py",
+            "return float(np.hypot(*amplitudes) <= self._range)",
+            "return 1.0",
+            "a sensor is said to err by more than it reads",
+        ),
+    )
+    + room(
+        ("tests/models/identify/test_outside.py",),
+        Change(
+            "noise-is-a-butterfly",
+            "models/identify/plausibility/own_input.py",
+            "return ways > 0 and backs > 0.5 * ways and _follows(u, y)",
+            "return ways > 0 and backs > 0.5 * ways",
+            "a gauge that is disconnected is reported as a ferroelectric",
+        ),
+    )
+    + room(
+        ("tests/models/identify/test_validation.py",),
+        Change(
+            "noisier-gauge-makes-it-worse",
+            VALIDATION,
+            "np.hypot(CLAIM * self.claim, self.noisier)",
+            "CLAIM * self.claim",
+            "a good model is refused because of the gauge that it is judged with",
+        ),
+        Change(
+            "noise-excuses-all",
+            VALIDATION,
+            "power = (noise * (1.0 + doubt)) ** 2",
+            "power = np.nanvar(error)",
+            "a wrong model is as good as it claims",
+        ),
+    )
+    + room(
+        ("tests/daemon/commands/test_simulate.py",),
+        Change(
+            "band-beyond-the-validity",
+            "daemon/commands/simulate.py",
+            "if max(found.outside.values(), default=0.0) < NEARLY_ALL:",
+            "if True:",
+            "an interval is stated for a drive that lies outside the model's validity",
+        ),
+    )
+)

@@ -203,14 +203,14 @@ CHANGES = [
         Change(
             "range-open",
             STEP,
-            "volts = min(max(wanted, p.min_v), p.max_v)",
+            "volts = min(max(wanted, min(p.min_v, c.volts)), max(p.max_v, c.volts))",
             "volts = wanted",
             "a voltage beyond the limits is written",
         ),
         Change(
             "range-not-flagged",
             STEP,
-            "    if volts != wanted:\n        flags |= RANGE\n",
+            "    if volts != wanted or not p.min_v <= volts <= p.max_v:\n        flags |= RANGE\n",
             "",
             "a voltage is clipped silently",
         ),

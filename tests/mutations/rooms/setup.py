@@ -1,9 +1,11 @@
-"""What keeps a guided set-up from moving a stage further than it was reported."""
+"""What keeps a guided set-up from moving a stage further than it was reported, and `acquire` from
+leaving its output or moving it in one step."""
 
 from tests.mutations.change import Change, room
 
 MOVING, STEPS = "daemon/setup/moving.py", "daemon/setup/steps.py"
 BENCH = "daemon/setup/workbench.py"
+OUTPUTS = "daemon/acquire/outputs.py"
 TESTS = ("tests/daemon/setup/test_moving.py", "tests/daemon/setup/test_journal.py")
 
 CHANGES = [
@@ -74,6 +76,61 @@ CHANGES = [
             "        volts[rows[k], k] = blocks[k]\n",
             "        volts[:, k] = np.resize(blocks[k], volts.shape[0])\n",
             "all axes move at once in the step that assigns the gauges",
+        ),
+    ),
+    *room(
+        ("tests/daemon/acquire/test_outputs.py",),
+        Change(
+            "hang-up-kills",
+            "daemon/acquire/early_end.py",
+            'NAMES = ("SIGINT", "SIGTERM", "SIGHUP")',
+            'NAMES = ("SIGINT", "SIGTERM")',
+            "a lost ssh during a recording leaves the stage at whatever voltage it has",
+        ),
+        Change(
+            "catches-up-in-one-step",
+            "daemon/acquire/one_axis.py",
+            "        volts = [toward(*step) for step in zip(at, goals, most, strict=True)]\n",
+            "        volts = goals\n",
+            "after Ctrl-Z and fg the stage jumps by up to its whole range",
+        ),
+        Change(
+            "late-reply-leaves-it-high",
+            OUTPUTS,
+            "if not (self.link.ok or self.link.came_back()):",
+            "if not self.link.ok:",
+            "one late reply of the amplifier leaves the stage at whatever voltage it has",
+        ),
+        Change(
+            "left-without-a-word",
+            OUTPUTS,
+            '    raise DriverError("; ".join(said))\n',
+            "",
+            "an output that could not be returned is reported as returned",
+        ),
+        Change(
+            "ramp-from-a-setting",
+            OUTPUTS,
+            " if device.spec.output_known else self.at_v",
+            "",
+            "the first write to an amplifier that reports no output is a jump",
+        ),
+        Change(
+            "acquires-beside-a-daemon",
+            "daemon/commands/acquire.py",
+            'run_folder.OUTPUT, "acquire"',
+            'run_folder.DOCTOR, "acquire"',
+            "a recording and a running daemon drive the same output in turn",
+        ),
+    ),
+    *room(
+        ("tests/daemon/setup/test_moving.py",),
+        Change(
+            "sets-up-beside-a-daemon",
+            BENCH,
+            'run_folder.OUTPUT, "setup"',
+            'run_folder.DOCTOR, "setup"',
+            "a set-up and a running daemon drive the same output in turn",
         ),
     ),
 ]
