@@ -233,7 +233,7 @@ CHANGES += room(
     ),
     Change(
         "mega-is-milli", f"{FOREIGN}/units.py",
-        "if plain in CASE_DECIDES and given[0].isupper():", "if False:",
+        '(plain == "mv" or not given.isupper()):', "not given.isupper():",
         "megavolts are read as millivolts",
     ),
     Change(
