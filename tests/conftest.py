@@ -45,6 +45,9 @@ settings.load_profile("no times are judged")
 
 def pytest_configure(config: pytest.Config) -> None:
     """Load kernels as `dehyst` loads them, except in the process that only distributes tests."""
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        # under nohup: what the tests start would inherit that; a handler is not inherited
+        signal.signal(signal.SIGHUP, lambda *_: None)
     if hasattr(config, "workerinput") or not config.getoption("numprocesses", None):
         kernel_cache.load_lightly()
 
