@@ -262,7 +262,8 @@ class Admission:
         repeated by a program that does not know of it."""
         if self._stopped_by_another and self._repeated == (action, value):
             raise NotAdmitted(
-                "over", "another client has stopped the stage; acquire the lease to command it anew"
+                "over",
+                "another client has stopped the stage; acquire the lease to command it again",
             )
         self._repeated, self._stopped_by_another = (action, value), False
 
