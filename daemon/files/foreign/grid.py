@@ -327,7 +327,7 @@ def fill(
     if layout.unclear:
         raise BadRecording(
             f"{name}: '{layout.unclear}' may have a decimal comma, or thousands set apart, and no "
-            "other number shows which: write it with a decimal point, or without a mark for thousands"
+            "other number shows which: write it with a decimal point, or with no mark for thousands"
         )
     kept = [j for j in range(layout.width) if layout.numeric[j]]
     values: list[list[float]] = [[] for _ in kept]

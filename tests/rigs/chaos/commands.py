@@ -165,7 +165,7 @@ def flood(rig: Rig, seconds: float = 5.0, processes: int = FLOODERS) -> str:
 
 
 STOOD_STILL_NS = 100_000_000
-"""Between two samples: ten periods. The loop has a real-time priority, which no flood takes away."""
+"""Between two samples: ten periods. The loop has a real-time priority; no flood takes it away."""
 
 
 def stranger_floods(rig: Rig, seconds: float = 5.0, processes: int = FLOODERS) -> str:
