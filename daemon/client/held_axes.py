@@ -16,7 +16,6 @@ import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -27,7 +26,7 @@ from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.group import Group
 from dehyst.daemon.client.player import PATIENCE_S
 from dehyst.daemon.client.positioner import POLL_S, REPEATS, SHARE, Stopped, Stops
-from dehyst.daemon.client.readings import model_place
+from dehyst.daemon.client.readings import AxisView, AxisViews
 from dehyst.daemon.client.telemetry import TelemetryStream
 from dehyst.daemon.closing import Closing
 from dehyst.models.errors import BadInput, DehystError, NotNow
@@ -36,28 +35,6 @@ ANSWER_S = 10.0
 """How long a caller waits for the daemon's answer [s]; exceeds the client's own patience."""
 STATUS_S = 1.0
 """Interval at which reach and state are requested [s]; a model change is seen after this."""
-
-
-@dataclass(frozen=True)
-class AxisView:
-    """State of an axis. Displacements are in its unit from the set-point origin, NaN if there is no
-    value. asked: the last target; place: its position (the gauge's mean over the newest settle_s,
-    else the model's); low, high: its reach; lost: why it is no longer held, "" if it is held or was
-    never sent anywhere."""
-
-    unit: str
-    period_s: float
-    low: float
-    high: float
-    tolerance: float
-    asked: float = np.nan
-    place: float = np.nan
-    predicted: float = np.nan
-    volts: float = np.nan
-    on_target: bool = False
-    moving: bool = False
-    flying: bool = False
-    lost: str = ""
 
 
 class HeldAxes(Closing):
@@ -77,12 +54,10 @@ class HeldAxes(Closing):
         settle_s: float = 0.05,
         by: Literal["model", "gauge"] = "model",
     ) -> None:
-        self._tolerance, self._settle_s, self._by = tolerance, settle_s, by
+        self._tolerance, self._views = tolerance, AxisViews(settle_s, by)
         self._jobs: queue.SimpleQueue[Callable[[Group], None] | None] = queue.SimpleQueue()
-        self._views: dict[str, AxisView] = {}
-        self._lock, self._stop_lock = threading.Lock(), threading.Lock()
+        self._stop_lock = threading.Lock()
         self._held: dict[str, float] = {}
-        self._near_since_ns: dict[str, int] = {}
         self._repeat_ns = self._asked_ns = self._silent_since_ns = 0
         self._stops, self._heeded, self._order = Stops(), 0, threading.Lock()
         self._taken = False  # without a target: the lease is renewed all the same
@@ -101,8 +76,7 @@ class HeldAxes(Closing):
 
     def look(self) -> dict[str, AxisView]:
         """Return the present state of each axis."""
-        with self._lock:
-            return dict(self._views)
+        return self._views.look()
 
     def go(self, targets: Mapping[str, float]) -> None:
         """Go to a target per axis and stay; return when the daemon has accepted all of them. Raises
@@ -232,24 +206,14 @@ class HeldAxes(Closing):
         self._asked_ns = clock.monotonic_ns()
         for axis, status in group.status().items():
             low, high = status.reach_min, status.reach_max
-            known = {
-                "unit": status.unit,
-                "period_s": status.period_ns * 1e-9,
-                "low": low,
-                "high": high,
-                "tolerance": self._tolerance or SHARE * (high - low),
-            }
-            with self._lock:
-                old = self._views.get(axis)
-                self._views[axis] = replace(old, **known) if old else AxisView(**known)  # type: ignore[arg-type]
-
-    def _change(self, axis: str, **known: Any) -> None:
-        with self._lock:
-            self._views[axis] = replace(self._views[axis], **known)
+            self._views.change(
+                axis, unit=status.unit, period_s=status.period_ns * 1e-9, low=low, high=high,
+                tolerance=self._tolerance or SHARE * (high - low),
+            )  # fmt: skip
 
     def _lose(self, why: str) -> None:
         for axis in self._held:
-            self._change(axis, lost=why, moving=False, on_target=False, flying=False)
+            self._views.change(axis, lost=why, moving=False, on_target=False, flying=False)
         self._held.clear()
         self._taken = False
 
@@ -282,7 +246,7 @@ class HeldAxes(Closing):
         group.acquire()
         self._taken = True
         for axis in group.clients:
-            self._change(axis, lost="", **({} if axis in self._held else {"asked": np.nan}))
+            self._views.change(axis, lost="", **({} if axis in self._held else {"asked": np.nan}))
 
     def _go(self, group: Group, targets: dict[str, float], before: int) -> None:
         """Send targets. before: how many stops had been requested when they were."""
@@ -304,8 +268,7 @@ class HeldAxes(Closing):
     def _hold(self, targets: Mapping[str, float]) -> None:
         for axis, value in targets.items():
             self._held[axis] = value
-            self._near_since_ns[axis] = 0
-            self._change(axis, asked=value, on_target=False, moving=True, flying=False, lost="")
+            self._views.expect(axis, value)
         self._repeat_ns = clock.monotonic_ns() + round(self._stale_s / REPEATS * clock.NS)
 
     def _stay_here(self, group: Group) -> None:
@@ -319,14 +282,14 @@ class HeldAxes(Closing):
         }
         self._held.clear()
         for axis in here:
-            self._change(axis, flying=False)
+            self._views.change(axis, flying=False)
         if here:
             try:
                 group.acquire()  # the stop was sent by another connection
                 group.send(here, allow_unreachable=True)
             except DehystError as error:
                 for axis in here:
-                    self._change(axis, lost=str(error), moving=False, on_target=False)
+                    self._views.change(axis, lost=str(error), moving=False, on_target=False)
                 raise
             self._hold(here)
 
@@ -335,44 +298,15 @@ class HeldAxes(Closing):
         self._heeded = self._stops.count
         self._lose("")
         for axis in group.clients:
-            self._change(axis, asked=np.nan, lost="")
+            self._views.change(axis, asked=np.nan, lost="")
         for client in group.clients.values():
             client.give_up()
 
     def _listen(self, timeout_s: float) -> None:
         for place, (axis, stream) in enumerate(self._streams.items()):
-            self._hear(axis, stream, timeout_s if place == 0 else 0.0)
-
-    def _hear(self, axis: str, stream: TelemetryStream, timeout_s: float) -> None:
-        samples = stream.read(timeout_s)
-        if not samples.size:
-            return
-        view, model = self.look()[axis], model_place(samples)
-        times_ns = samples["scheduled_ns"]  # a late batch also contains samples of the motion
-        recent = samples[times_ns >= times_ns[-1] - round(self._settle_s * clock.NS)]["measured"]
-        gauge = recent[np.isfinite(recent)]
-        self._change(
-            axis,
-            place=float(gauge.mean()) if gauge.size else float(model[-1]),
-            predicted=float(model[-1]),
-            volts=float(samples["volts"][-1]),
-        )
-        if axis in self._held and not view.flying:
-            self._judge(axis, samples, samples["measured"] if self._by == "gauge" else model)
-
-    def _judge(self, axis: str, samples: NDArray[Any], place: NDArray[np.float64]) -> None:
-        """Check whether the axis has been on target without a break for settle_s."""
-        value, since_ns = self._held[axis], self._near_since_ns[axis]
-        near = (samples["target"] == value) & (np.abs(place - value) <= self.look()[axis].tolerance)
-        last_ns = int(samples["scheduled_ns"][-1])
-        if not near.all():  # count from the sample after the last one outside the tolerance
-            away = int(np.flatnonzero(~near)[-1])
-            since_ns = 0 if away == near.size - 1 else int(samples["scheduled_ns"][away + 1])
-        else:
-            since_ns = since_ns or int(samples["scheduled_ns"][0])
-        self._near_since_ns[axis] = since_ns
-        there = since_ns > 0 and last_ns - since_ns >= self._settle_s * clock.NS
-        self._change(axis, on_target=there, moving=not there)
+            samples = stream.read(timeout_s if place == 0 else 0.0)
+            if samples.size:
+                self._views.hear(axis, samples, self._held.get(axis))
 
     def _fly(
         self,
@@ -394,7 +328,7 @@ class HeldAxes(Closing):
             if not begun.done():
                 for axis in values:
                     self._held[axis] = float(values[axis][-1])
-                    self._change(axis, flying=True, moving=True, on_target=False, lost="")
+                    self._views.change(axis, flying=True, moving=True, on_target=False, lost="")
                 begun.set_result(None)
             self._listen(0.0)
             if others and clock.monotonic_ns() >= self._repeat_ns:
@@ -417,7 +351,7 @@ class HeldAxes(Closing):
             self._stay_here(group)
             return
         for axis in values:
-            self._change(axis, flying=False, moving=False)
+            self._views.change(axis, flying=False, moving=False)
         if begun.done() and not begun.exception() and not why:
             ends = {axis: float(of_axis[-1]) for axis, of_axis in values.items()}
             group.send(ends, allow_unreachable=True)
@@ -425,7 +359,7 @@ class HeldAxes(Closing):
         elif why:
             for axis in values:
                 self._held.pop(axis, None)
-                self._change(axis, lost=why)
+                self._views.change(axis, lost=why)
 
     _streams: dict[str, TelemetryStream]
     _stale_s: float

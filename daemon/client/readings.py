@@ -1,12 +1,15 @@
-"""Results of a positioner: means of samples, and trajectories with all their samples."""
+"""What clients make of telemetry: means of samples, trajectories with all their samples, and the
+present state of each axis of a controller."""
 
 import math
-from dataclasses import dataclass
-from typing import Any
+import threading
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dehyst.daemon import clock
 from dehyst.daemon.client.player import Played
 from dehyst.daemon.rings.records import Flag
 
@@ -76,3 +79,87 @@ def mean_of(samples: NDArray[Any], wall_offset_ns: int) -> Reading:
 def _mean(values: NDArray[np.float64]) -> float:
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else float("nan")
+
+
+@dataclass(frozen=True)
+class AxisView:
+    """State of an axis. Displacements are in its unit from the set-point origin, NaN if there is no
+    value. asked: the last target; place: its position (the gauge's mean over the newest settle_s,
+    else the model's); low, high: its reach; lost: why it is no longer held, "" if it is held or was
+    never sent anywhere."""
+
+    unit: str
+    period_s: float
+    low: float
+    high: float
+    tolerance: float
+    asked: float = np.nan
+    place: float = np.nan
+    predicted: float = np.nan
+    volts: float = np.nan
+    on_target: bool = False
+    moving: bool = False
+    flying: bool = False
+    lost: str = ""
+
+
+class AxisViews:
+    """The present state of each axis, from its telemetry. settle_s: how long an axis must stay
+    within its tolerance to be on target; by: what decides that, the model or the gauge. `look` may
+    be called from any thread, the rest from one."""
+
+    def __init__(self, settle_s: float, by: Literal["model", "gauge"]) -> None:
+        self._settle_ns, self._by = round(settle_s * clock.NS), by
+        self._views: dict[str, AxisView] = {}
+        self._near_since_ns: dict[str, int] = {}
+        self._lock = threading.Lock()
+
+    def look(self) -> dict[str, AxisView]:
+        """Return the view of each axis."""
+        with self._lock:
+            return dict(self._views)
+
+    def change(self, axis: str, **known: Any) -> None:
+        """Set fields of an axis' view, which begins with those that have no default."""
+        with self._lock:
+            old = self._views.get(axis)
+            self._views[axis] = replace(old, **known) if old else AxisView(**known)
+
+    def expect(self, axis: str, value: float) -> None:
+        """Note that an axis moves to a target, and then stays there."""
+        self._near_since_ns[axis] = 0
+        self.change(axis, asked=value, on_target=False, moving=True, flying=False, lost="")
+
+    def hear(self, axis: str, samples: NDArray[Any], target: float | None) -> None:
+        """Take new samples of an axis, at least one. target: where it is kept; None: nowhere."""
+        model, times_ns = model_place(samples), samples["scheduled_ns"]
+        # a late batch also contains samples of the motion
+        recent = samples[times_ns >= times_ns[-1] - self._settle_ns]["measured"]
+        gauge = recent[np.isfinite(recent)]
+        self.change(
+            axis,
+            place=float(gauge.mean()) if gauge.size else float(model[-1]),
+            predicted=float(model[-1]),
+            volts=float(samples["volts"][-1]),
+        )
+        if target is not None and not self.look()[axis].flying:
+            place = samples["measured"] if self._by == "gauge" else model
+            self._judge(axis, samples, place, target)
+
+    def _judge(
+        self, axis: str, samples: NDArray[Any], place: NDArray[np.float64], target: float
+    ) -> None:
+        """Check whether the axis has been on target without a break for settle_s."""
+        since_ns = self._near_since_ns.get(axis, 0)
+        near = (samples["target"] == target) & (
+            np.abs(place - target) <= self.look()[axis].tolerance
+        )
+        last_ns = int(samples["scheduled_ns"][-1])
+        if not near.all():  # count from the sample after the last one outside the tolerance
+            away = int(np.flatnonzero(~near)[-1])
+            since_ns = 0 if away == near.size - 1 else int(samples["scheduled_ns"][away + 1])
+        else:
+            since_ns = since_ns or int(samples["scheduled_ns"][0])
+        self._near_since_ns[axis] = since_ns
+        there = since_ns > 0 and last_ns - since_ns >= self._settle_ns
+        self.change(axis, on_target=there, moving=not there)

@@ -17,7 +17,8 @@ from caproto import AlarmSeverity, AlarmStatus, ChannelType
 from caproto.server import PVGroup, pvproperty
 
 from dehyst.daemon import clock
-from dehyst.daemon.client.held_axes import AxisView, HeldAxes
+from dehyst.daemon.client.held_axes import HeldAxes
+from dehyst.daemon.client.readings import AxisView
 from dehyst.daemon.client.telemetry import StatusFeed
 from dehyst.daemon.epics.profile import move_profile
 from dehyst.models.errors import DehystError

@@ -24,8 +24,8 @@ from dehyst.daemon.files.csv_table import (
 )
 from dehyst.daemon.files.foreign.apart import NEEDS, read_apart
 from dehyst.daemon.files.foreign.arrays import found_in, of_one_length
+from dehyst.daemon.files.foreign.fields import number_of
 from dehyst.daemon.files.foreign.found import Column, Sheet
-from dehyst.daemon.files.foreign.grid import number_of
 from dehyst.daemon.files.foreign.reading import AS_IT_IS, ReadOptions
 from dehyst.daemon.files.foreign.roles import PLAIN, role_of
 from dehyst.daemon.files.foreign.text import read_text_table

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dehyst.daemon.client.held_axes import AxisView, HeldAxes
+from dehyst.daemon.client.held_axes import HeldAxes
+from dehyst.daemon.client.readings import AxisView
 from dehyst.daemon.gcs.grammar import GcsCode, GcsError, groups, integer, join_lines, parse_number
 from dehyst.daemon.gcs.waves import MOST_CYCLES, MOST_POINTS, MOST_RATE, TABLES, Waves, segment
 from dehyst.models.errors import DehystError

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from dehyst.daemon.client.client import Refusal
-from dehyst.daemon.client.held_axes import AxisView
+from dehyst.daemon.client.readings import AxisView
 from dehyst.daemon.gcs.controller import UNITS, GcsController, GcsSession
 from dehyst.daemon.gcs.grammar import GcsCode, GcsCommand, GcsError, join_lines
 from dehyst.daemon.gcs.waves import TABLES

@@ -5,88 +5,21 @@ import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from datetime import date, datetime, time
 from typing import Any
 
 import numpy as np
 
-from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS, is_missing
+from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS
+from dehyst.daemon.files.foreign.fields import GROUPED, GROUPED_BY_POINTS, number_of
 from dehyst.daemon.files.foreign.found import Column, Sheet
-from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key, split_heading
+from dehyst.daemon.files.foreign.stated_step import stated_step
+from dehyst.daemon.files.foreign.units import find_unit_key, split_heading
 from dehyst.models.errors import BadRecording
 
 LOOKED_AT = 2000
 """Rows at the beginning that are used to find the layout; an instrument's preamble is shorter."""
 MOSTLY_EMPTY = 0.9
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
-_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
-_GROUPED_BY_POINTS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?")
-_GROUPED_APART = re.compile(r"[+-]?[1-9]\d{0,2}(['\u2019\xa0\u2009\u202f]\d{3})+(\.\d*)?")
-"""With apostrophes, as in Switzerland, or with no-break spaces, as in France."""
-_CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:\.\d*)?)")
-_GERMAN_DATE = re.compile(r"(\d\d)\.(\d\d)\.(\d{4})[ T](.*)")
-_UNIT_BEHIND = r"(?:(?:\s*[\[(/]|\s)\s*([^\])]*?)\s*[\])]?)?"
-_STEP = re.compile(
-    r"(?:sample interval|sampling interval|sampling period|x ?increment|delta x|increment|dt)"
-    + _UNIT_BEHIND,
-    re.IGNORECASE,
-)
-_RATE = re.compile(
-    r"(?:sample rate|sampling rate|sampling frequency|samples/s|fs)" + _UNIT_BEHIND, re.IGNORECASE
-)
-_STATED = re.compile(r"([-+]?\d[\d.,']*(?:e[-+]?\d+)?)\s*(.*)", re.IGNORECASE)
-_RATE_UNIT = re.compile(r"([kMG]?)(?:Hz|Sa?/s|Samples?/s|Hertz|1/s)", re.IGNORECASE)
-
 Row = Sequence[Any]
-
-
-def number_of(cell: Any, decimal: str = ".") -> float | None:
-    """Return a field as a number, or a timestamp in seconds; NaN if it is missing; None if it is
-    neither."""
-    if isinstance(cell, bool):
-        return float(cell)
-    if isinstance(cell, int | float):
-        return float(cell)
-    if isinstance(cell, datetime):
-        return cell.timestamp() if cell.tzinfo else (cell - datetime(1970, 1, 1)).total_seconds()
-    if isinstance(cell, time):
-        return cell.hour * 3600.0 + cell.minute * 60.0 + cell.second + cell.microsecond / 1e6
-    if cell is None:
-        return math.nan
-    if isinstance(cell, date):
-        return None
-    text = str(cell).strip().strip("\"'").strip()
-    if is_missing(text):
-        return math.nan
-    if decimal == ",":
-        text = text.replace(".", "") if _GROUPED_BY_POINTS.fullmatch(text) else text
-        if "." in text and ":" not in text:
-            return None
-        text = text.replace(",", ".")
-    elif _GROUPED.fullmatch(text):
-        text = text.replace(",", "")
-    if _NUMBER.fullmatch(text):
-        return float(text)
-    if _GROUPED_APART.fullmatch(text):
-        return float(re.sub(r"[^-+.\d]", "", text))
-    if text.lower() in ("inf", "+inf", "-inf", "infinity", "-infinity"):
-        return float(text)
-    return moment_of(text)
-
-
-def moment_of(text: str) -> float | None:
-    """Return the seconds of "12:00:01.25", "2024-03-05 12:00:01.25" or "05.03.2024 12:00:01.25"."""
-    if ":" not in text or len(text) > 40:
-        return None
-    if clock := _CLOCK.fullmatch(text):
-        return int(clock[1]) * 3600.0 + int(clock[2]) * 60.0 + float(clock[3])
-    if german := _GERMAN_DATE.fullmatch(text):
-        text = f"{german[3]}-{german[2]}-{german[1]} {german[4]}"
-    try:
-        moment = datetime.fromisoformat(text.replace("/", "-"))
-    except ValueError:
-        return None
-    return number_of(moment)
 
 
 @dataclass
@@ -175,11 +108,11 @@ def find_decimal(rows: Sequence[Row], habit: str = "") -> tuple[str, str]:
     unclear = ""
     for j in range(width):
         cells = [str(row[j]).strip(" \"'") for row in rows[first:] if len(row) > j]
-        grouped = next((cell for cell in cells if _GROUPED.fullmatch(cell)), "")
+        grouped = next((cell for cell in cells if GROUPED.fullmatch(cell)), "")
         if grouped and any(re.fullmatch(r"[+-]?\d{1,3}", cell) for cell in cells):
             return ".", ""  # only numbers from 1000 on have a comma
         unclear = unclear or grouped
-        habit = "" if any(map(_GROUPED_BY_POINTS.fullmatch, cells)) else habit
+        habit = "" if any(map(GROUPED_BY_POINTS.fullmatch, cells)) else habit
     return (habit, "") if unclear and habit else (".", unclear)
 
 
@@ -214,7 +147,7 @@ def lay_out(name: str, rows: Sequence[Row], decimal: str) -> GridLayout:
             key = cells[0].rstrip(":=").strip()[:60] or f"note{i + 1}"
             notes.setdefault(key, " ".join(cells[1:])[:200])
     if not step_s:
-        step_s = next((step for row in left if (step := _stated_step(row, decimal))), 0.0)
+        step_s = next((step for row in left if (step := stated_step(_texts(row), decimal))), 0.0)
     flags = [_values(row[:width], decimal) for row in rows[first:]]
     most = max(sum(f[j] for f in flags if len(f) > j) for j in range(width))
     numeric = [
@@ -269,40 +202,6 @@ def _beside(over: Row, below: Row, width: int) -> tuple[float, float]:
     return out[0], out[1]
 
 
-def _stated_step(row: Row, decimal: str) -> float:
-    """Return the sampling period [s] that a line of the preamble states, 0 if it states none or in
-    a unit that is not known."""
-    cells = _texts(row)
-    name = cells[0].rstrip(":=").strip().replace("_", " ") if len(cells) > 1 else ""
-    step, rate = _STEP.fullmatch(name), _RATE.fullmatch(name)
-    named, stated = step or rate, _STATED.fullmatch(cells[1]) if name else None
-    if named is None or stated is None:
-        return 0.0
-    value = number_of(stated[1], decimal)
-    if value is None:
-        value = number_of(stated[1], "," if decimal == "." else ".")
-    beside = "".join(cells[2:3])
-    if not (find_unit_key(beside) or _RATE_UNIT.fullmatch(beside)):
-        beside = ""
-    units = {unit for unit in (named[1], stated[2].strip(" []()") or beside) if unit}
-    factors = {_factor(unit, step is not None) for unit in units or {"s" if step else "Hz"}}
-    if not value or not 0.0 < value < math.inf or len(factors) > 1:
-        return 0.0
-    scaled = value * factors.pop()
-    return scaled if step or not scaled else 1.0 / scaled
-
-
-def _factor(unit: str, is_time: bool) -> float:
-    """Return the factor to seconds or to hertz, 0 for another unit."""
-    if is_time:
-        kind, _, factor = UNITS.get(find_unit_key(unit), ("", "", 0.0))
-        return factor if kind == TIME else 0.0
-    found = _RATE_UNIT.fullmatch(unit)
-    if found is None or unit.startswith("mH"):  # millihertz
-        return 0.0
-    return {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9}[found[1].lower()]
-
-
 def _apart(headings: Sequence[str]) -> list[str]:
     """Make headings unique."""
     out: list[str] = []
@@ -318,12 +217,11 @@ def fill(
     name: str,
     layout: GridLayout,
     rows: Iterable[tuple[int, Row]],
-    decimal: str,
     where: Callable[[int], str],
 ) -> Sheet:
     """Return the columns below a layout. rows: (place, fields); where: describes a place. Raises
     BadRecording naming the place of a field that is not a number."""
-    decimal = layout.decimal if decimal == "." else decimal
+    decimal = layout.decimal
     if layout.unclear:
         raise BadRecording(
             f"{name}: '{layout.unclear}' may have a decimal comma, or thousands set apart, and no "

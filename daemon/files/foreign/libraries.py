@@ -102,7 +102,7 @@ def read_xlsx(path: Path) -> Sheet:
             continue
         first = next(i for i in range(begins, len(rows)) if rows[i] is looked[layout.first])
         places = ((i, rows[i]) for i in range(first, len(rows)))
-        here = fill(sheet.title, layout, places, ".", lambda place: f"row {place + 1}")
+        here = fill(sheet.title, layout, places, lambda place: f"row {place + 1}")
         if len(here.columns) > 1 and here.columns[0].values.size > 1:
             sheets.append((sheet.title, here))
     if not sheets:

@@ -126,7 +126,7 @@ def understand_text(name: str, text: str) -> Sheet:
     found = _quickly(lines, first, layout, separator, decimal, split)
     if found is None:
         rows_of = _without_notes(name, lines, first, layout, split)
-        found = fill(name, layout, rows_of, decimal, lambda place: f"line {place + 1}")
+        found = fill(name, layout, rows_of, lambda place: f"line {place + 1}")
     return found
 
 

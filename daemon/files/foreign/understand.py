@@ -1,29 +1,26 @@
-"""Map foreign column names to those of a recording, and describe the mapping in one line.
+"""Make a recording's columns of a foreign file's, in the units of recordings, and describe in one
+line how it was understood.
 
 Missing information is requested all at once, with the option that supplies it; every assumption is
 stated in that line.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from dehyst.daemon.files.foreign.choose import choose_columns, describe_column, path_of
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import (
-    BY_UNIT,
-    BY_WORD,
     NAMES,
     PLAIN,
     counts_rows,
-    kind_of,
-    may_be_drive,
     role_of,
 )
 from dehyst.daemon.files.foreign.units import (
-    ANGLE,
     LENGTH,
     TIME,
     UNITS,
@@ -65,7 +62,7 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
         raise BadRecording(f"{name}: holds no column of numbers")
     columns = _without_row_numbers(found.columns, reading)
     asked: list[str] = []
-    chosen = _choose(name, columns, reading, wants, asked)
+    chosen = choose_columns(name, columns, reading, wants, asked)
     out: dict[str, Floats] = {}
     said: list[str] = []
     _take_time(chosen.get("t"), columns, found, reading, out, said, asked)
@@ -109,187 +106,6 @@ def _without_row_numbers(columns: Sequence[Column], reading: ReadOptions) -> lis
     return out
 
 
-def _label(column: Column, number: int) -> str:
-    text = f"'{column.heading[:40]}'" if column.heading else f"column {number}"
-    return text + (f" ({column.unit})" if column.unit else "")
-
-
-def _choose(
-    name: str,
-    columns: Sequence[Column],
-    reading: ReadOptions,
-    wants: Sequence[str],
-    asked: list[str],
-) -> dict[str, int]:
-    """Return the column number for each role."""
-    chosen: dict[str, int] = {}
-    for role, wanted in reading.columns.items():
-        chosen[role] = _named(name, columns, role, wanted)
-    if len(set(chosen.values())) < len(chosen):
-        raise BadRecording(f"{name}: --columns names a column twice")
-    free = [i for i in range(len(columns)) if i not in chosen.values()]
-    if free and not any(columns[i].heading or columns[i].unit or columns[i].clock for i in free):
-        _ask_by_number(columns, free, chosen, reading, wants, asked)
-        return chosen
-    roles = _roles(columns, free, "y" in chosen)
-    if "target" in wants and not any(role == "target" for role, _ in roles.values()):
-        roles = {i: ("target", sure) if r == "y" else (r, sure) for i, (r, sure) in roles.items()}
-    several: dict[str, list[int]] = {}
-    alike: dict[str, list[int]] = {}  # the same values in each run
-    which: list[str] = []
-    both = False  # drive and displacement are requested together
-    for role in NAMES:
-        if role in chosen or (role == "t" and reading.rate_hz):
-            continue
-        best = max((sure for r, sure in roles.values() if r == role), default=0)
-        found = [i for i, (r, sure) in roles.items() if r == role and sure == best]
-        if len(found) > 1 and _all_the_same(columns, found):
-            alike[role], found = found, found[:1]
-        if len(found) == 1:
-            chosen[role] = found[0]
-        elif found and (role in wants or role in "tuy"):
-            names = ", ".join(_label(columns[i], i) for i in found[:4])
-            option = _option(role, columns, found)
-            if role == "u" and not any(r == "y" for r, _ in roles.values()) and "y" not in chosen:
-                option += "," + _option("y", columns, found).removeprefix("--columns ")
-                both = True
-            which.append(f"{names}: which is the {NAMES[role]}? add {option}")
-            several[role] = found
-        elif role in wants and role != "t" and not (role == "y" and both):
-            left = [i for i in free if not roles[i][0]]
-            names = ", ".join(_label(columns[i], i) for i in range(min(len(columns), 6)))
-            asked.append(
-                f"no heading names the {NAMES[role]} (there are {names}): add "
-                + (_option(role, columns, left) if left else f"--columns {role}=...")
-            )
-    run = several and _of_one_run(columns, alike | several, chosen)
-    if run := run or _of_one_run(columns, several, chosen):
-        if both:
-            run["y"] = run["u"]
-        options = [
-            _option(r, columns, of).removeprefix("--columns ") for r, of in sorted(run.items())
-        ]
-        which = [f"it holds several runs: name one, such as --columns {','.join(options)}"]
-    asked += which
-    _refuse_missing_roles(name, columns, chosen, several, reading)
-    return chosen
-
-
-def _refuse_missing_roles(
-    name: str,
-    columns: Sequence[Column],
-    chosen: Mapping[str, int],
-    several: Mapping[str, Sequence[int]],
-    reading: ReadOptions,
-) -> None:
-    """Raise BadRecording if --columns makes a further channel of the only column for a role."""
-    for channel, i in chosen.items():
-        role, sure = role_of(columns[i].heading, find_unit_key(columns[i].unit))
-        free = role not in chosen and role not in several and not (role == "t" and reading.rate_hz)
-        if channel not in NAMES and role and sure >= BY_WORD and free:
-            raise BadRecording(
-                f"{name}: --columns {channel}=... takes {_label(columns[i], i)}, and no "
-                f"{NAMES[role]} is left: name another column with {role}=..., or "
-                f"leave out {channel}"
-            )
-
-
-def _roles(
-    columns: Sequence[Column], free: Sequence[int], displacement: bool
-) -> dict[int, tuple[str, int]]:
-    """Return role and confidence of each free column. displacement: it was named already."""
-    units = {i: find_unit_key(columns[i].unit) for i in free}
-    roles = {i: role_of(columns[i].heading, units[i]) for i in free}
-    roles |= {i: ("t", BY_UNIT) for i in free if columns[i].clock and roles[i][0] != "t"}
-    moves = [i for i in free if kind_of(columns[i].heading, units[i]) in (LENGTH, ANGLE)]
-    if displacement or any(roles[i][0] == "y" for i in moves):
-        for i in free:
-            if roles[i] == ("y", BY_WORD) and may_be_drive(columns[i].heading, units[i]):
-                roles[i] = "u", BY_UNIT
-    return roles
-
-
-def _of_one_run(
-    columns: Sequence[Column], several: Mapping[str, list[int]], chosen: Mapping[str, int]
-) -> dict[str, list[int]]:
-    """Return the candidates for each role that are in one group or sheet, that of a chosen column
-    if possible; {} if the candidates are not in different ones."""
-    groups = [_path(column.heading)[:-1] for column in columns]
-    for found in [*several.values()][:1]:
-        for depth in range(1, 1 + min(len(groups[i]) for i in found)):
-            for run in [groups[i][:depth] for i in (*chosen.values(), found[0])]:
-                inside = {
-                    r: [i for i in of if groups[i][:depth] == run] for r, of in several.items()
-                }
-                if all(0 < len(inside[role]) < len(of) for role, of in several.items()):
-                    return inside
-    return {}
-
-
-def _path(heading: str) -> list[str]:
-    """Return groups and name of a column: "Run 1/U (V)", but not "U / V" or "Velocity (um/s)"."""
-    path = re.split(r"/(?![^\[({<]*[\])}>])", heading)
-    return [heading] if path[-1][:1] in ("", " ") or find_unit_key(path[-1]) else path
-
-
-def _option(role: str, columns: Sequence[Column], of: Sequence[int]) -> str:
-    one = of[0] if role != "y" else of[-1]
-    heading = columns[one].heading
-    plain = bool(re.fullmatch(r"[\w.]+", heading)) and not heading.isdecimal()
-    if not heading or len(heading) > 40 or not heading.isprintable():
-        return f"--columns {role}={one}"
-    return f"--columns {role}=" + (heading if plain else f'"{heading}"')
-
-
-def _all_the_same(columns: Sequence[Column], which: Sequence[int]) -> bool:
-    first = columns[which[0]].values
-    return all(np.array_equal(first, columns[i].values, equal_nan=True) for i in which[1:])
-
-
-def _ask_by_number(
-    columns: Sequence[Column],
-    free: Sequence[int],
-    chosen: Mapping[str, int],
-    reading: ReadOptions,
-    wants: Sequence[str],
-    asked: list[str],
-) -> None:
-    """Ask for the required columns by number, because no column has a heading."""
-    roles = [r for r in wants if r not in chosen and not (r == "t" and reading.rate_hz)]
-    if roles:
-        first = ", ".join(f"{columns[i].values[0]:.6g}" for i in free[:6])
-        numbers = ",".join(f"{role}={i}" for i, role in zip(free, roles, strict=False))
-        asked.append(
-            f"{len(columns)} columns of numbers without headings (the first row is {first}): say "
-            f"which is which: --columns {numbers}"
-        )
-
-
-def _named(name: str, columns: Sequence[Column], role: str, wanted: str | int) -> int:
-    """Return the number of the column named by --columns."""
-    text = str(wanted)
-    for same in (
-        lambda c: c.heading == text,
-        lambda c: c.heading.lower() == text.lower(),
-        lambda c: split_heading(c.heading)[0].lower() == text.lower(),
-        lambda c: c.heading.rpartition("/")[2].lower() == text.lower(),
-    ):
-        found = [i for i, column in enumerate(columns) if same(column)]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            raise BadRecording(
-                f"{name}: --columns {role}={text}: {len(found)} columns have this heading; give "
-                f"the number: {role}={found[0]}"
-            )
-    if isinstance(wanted, int) and 0 <= wanted < len(columns):
-        return wanted
-    there = ", ".join(_label(c, i) for i, c in enumerate(columns[:8]))
-    raise BadRecording(
-        f"{name}: --columns {role}={text}: there is no such column; there are {there}"
-    )
-
-
 def _unit(column: Column) -> str:
     """Return the key of the unit that the file gives, "" if it gives none."""
     return find_unit_key(column.unit) or split_heading(column.heading)[1]
@@ -322,7 +138,7 @@ def _take_time(
             asked.append("no column of times: add --rate HZ (rows a second), or --columns t=...")
         return
     column = columns[number]
-    label, unit = _label(column, number), find_unit_key(reading.time_unit) or _unit(column)
+    label, unit = describe_column(column, number), find_unit_key(reading.time_unit) or _unit(column)
     values = np.asarray(column.values, dtype=np.float64)
     if column.clock and not unit:
         unit = "s"
@@ -372,7 +188,7 @@ def _take(
     asked: list[str],
 ) -> None:
     """Convert drive, displacement or target to a unit that recordings use."""
-    own, stated, label = _unit(column), _stated(column), _label(column, number)
+    own, stated, label = _unit(column), _stated(column), describe_column(column, number)
     unit = find_unit_key(given) or own
     option = "--drive-unit" if role == "u" else "--unit"
     if stated and not given:
@@ -419,7 +235,7 @@ def _keep_as(
     asked: list[str],
 ) -> None:
     """Add a further channel under the name that --columns gives it; its values are unchanged."""
-    label, own, named = _label(column, number), _unit(column), split_heading(name)[1]
+    label, own, named = describe_column(column, number), _unit(column), split_heading(name)[1]
     if re.fullmatch(ROLE_NAMES, name):
         asked.append(f"--columns {name}=...: the name {name} is not free for a further channel")
     elif own and named and own != named and UNITS[own][0] == UNITS[named][0]:
@@ -431,7 +247,7 @@ def _keep_as(
 
 def _keep(column: Column, reading: ReadOptions, out: dict[str, Floats]) -> None:
     """Add a further channel, under a name that a recording may use."""
-    name, own = split_heading(_path(column.heading)[-1])
+    name, own = split_heading(path_of(column.heading)[-1])
     unit = find_unit_key(column.unit) or own
     plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or "channel"
     if unit and UNITS[unit][0] in (TIME, VOLTAGE, LENGTH) and UNITS[unit][2] != 1.0:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from tests.rigs.gateway_bench import Bench, wait_until
+from tests.rigs.gateway_bench import Bench, started_bench, wait_until
 
 from dehyst.daemon.client import held_axes
 from dehyst.daemon.client.group import Group
@@ -23,13 +23,8 @@ WAVE = 5.0 + np.sin(2.0 * np.pi * 0.5 * T_S)
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    bench = Bench(tmp_path_factory.mktemp("held"))
-    try:
-        bench.start_gateway()
-        bench.client().close()
+    with started_bench(tmp_path_factory.mktemp("held")) as bench:
         yield bench
-    finally:
-        bench.close()
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from tests.rigs.gateway_bench import ROOT, Bench, environment, wait_until
+from tests.rigs.gateway_bench import ROOT, Bench, environment, started_bench, wait_until
 
 from dehyst.daemon.client.client import Client, Refusal
 from dehyst.daemon.client.positioner import Positioner, Stops, _Going
@@ -24,13 +24,8 @@ TRIM_ON = {"trim = {enabled = false}": "trim = {enabled = true}"}
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    bench = Bench(tmp_path_factory.mktemp("bench"), **TRIM_ON)
-    try:
-        bench.start_gateway()
-        bench.client().close()
+    with started_bench(tmp_path_factory.mktemp("bench"), **TRIM_ON) as bench:
         yield bench
-    finally:
-        bench.close()
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 pytest.importorskip("caproto", reason="caproto is not installed")
-from dehyst.daemon.client.held_axes import AxisView
+from dehyst.daemon.client.readings import AxisView
 from dehyst.daemon.epics import records
 from dehyst.daemon.epics.records import AxisRecords
 

@@ -62,7 +62,7 @@ CHANGES = [
         Change(
             "released-and-still-there",
             HELD,
-            '            self._change(axis, asked=np.nan, lost="")\n',
+            '            self._views.change(axis, asked=np.nan, lost="")\n',
             "            pass\n",
             "after a release the next relative move begins at the last target",
         ),

@@ -111,7 +111,7 @@ CHANGES += room(
         "millivolts and micrometres in a heading are not recognised",
     ),
     Change(
-        "first-of-two-drives", f"{FOREIGN}/understand.py",
+        "first-of-two-drives", f"{FOREIGN}/choose.py",
         "if len(found) > 1 and _all_the_same(columns, found):", "if len(found) > 1:",
         "one of two possible drive columns is guessed",
     ),
@@ -179,7 +179,7 @@ TABLE, GRID, TEXT = "daemon/files/csv_table.py", f"{FOREIGN}/grid.py", f"{FOREIG
 CHANGES += room(
     (NUMBERS,),
     Change(
-        "nought-is-a-group", GRID,
+        "nought-is-a-group", f"{FOREIGN}/fields.py",
         're.compile(r"[+-]?[1-9]\\d{0,2}(,',
         're.compile(r"[+-]?\\d{1,3}(,',
         "decimal commas with three decimals are read a thousand times too large",
@@ -211,11 +211,12 @@ CHANGES += room(
         "from a second line of headings on drive and displacement are exchanged",
     ),
     Change(
-        "rate-in-any-unit", GRID, "return factor if kind == TIME else 0.0", "return factor",
+        "rate-in-any-unit", f"{FOREIGN}/stated_step.py",
+        "return factor if kind == TIME else 0.0", "return factor",
         "an increment of 5 V is taken as a sampling period of 5 s",
     ),
     Change(
-        "megahertz-lost", GRID, '"m": 1e6, "g": 1e9', '"m": 1.0, "g": 1e9',
+        "megahertz-lost", f"{FOREIGN}/stated_step.py", '"m": 1e6, "g": 1e9', '"m": 1.0, "g": 1e9',
         "a stated rate in MHz is a million times too low",
     ),
     Change(
@@ -261,12 +262,12 @@ CHANGES += room(
         "a channel that --columns names is missing from the recording",
     ),
     Change(
-        "drive-renamed-away", f"{FOREIGN}/understand.py",
+        "drive-renamed-away", f"{FOREIGN}/choose.py",
         "if channel not in NAMES and role and sure >= BY_WORD and free:", "if False:",
         "--columns makes a further channel of the only drive, without a word",
     ),
     Change(
-        "two-columns-named", f"{FOREIGN}/understand.py",
+        "two-columns-named", f"{FOREIGN}/choose.py",
         "if free and not any(columns[i].heading", "if not any(columns[i].heading",
         "a file with its own period and two columns is refused once both are named",
     ),
@@ -291,12 +292,12 @@ CHANGES += room(
         "if False:", "a displacement in nm is written down in um with the same numbers",
     ),
     Change(
-        "measured-voltage-moves", f"{FOREIGN}/understand.py",
+        "measured-voltage-moves", f"{FOREIGN}/choose.py",
         'roles[i] == ("y", BY_WORD) and may_be_drive(', "False and may_be_drive(",
         "the measured voltage is read as the displacement, although a column in um is there",
     ),
     Change(
-        "advice-mixes-runs", f"{FOREIGN}/understand.py",
+        "advice-mixes-runs", f"{FOREIGN}/choose.py",
         "if all(0 < len(inside[role]) < len(of) for role, of in several.items()):", "if False:",
         "the drive of one run is advised with the displacement of another",
     ),

@@ -1,0 +1,53 @@
+"""Find the sampling period that the preamble of a file states, in time or as a rate."""
+
+import math
+import re
+from collections.abc import Sequence
+
+from dehyst.daemon.files.foreign.fields import number_of
+from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
+
+_UNIT_BEHIND = r"(?:(?:\s*[\[(/]|\s)\s*([^\])]*?)\s*[\])]?)?"
+_STEP = re.compile(
+    r"(?:sample interval|sampling interval|sampling period|x ?increment|delta x|increment|dt)"
+    + _UNIT_BEHIND,
+    re.IGNORECASE,
+)
+_RATE = re.compile(
+    r"(?:sample rate|sampling rate|sampling frequency|samples/s|fs)" + _UNIT_BEHIND, re.IGNORECASE
+)
+_STATED = re.compile(r"([-+]?\d[\d.,']*(?:e[-+]?\d+)?)\s*(.*)", re.IGNORECASE)
+_RATE_UNIT = re.compile(r"([kMG]?)(?:Hz|Sa?/s|Samples?/s|Hertz|1/s)", re.IGNORECASE)
+
+
+def stated_step(cells: Sequence[str], decimal: str) -> float:
+    """Return the sampling period [s] that a line of the preamble states, 0 if it states none or in
+    a unit that is not known."""
+    name = cells[0].rstrip(":=").strip().replace("_", " ") if len(cells) > 1 else ""
+    step, rate = _STEP.fullmatch(name), _RATE.fullmatch(name)
+    named, stated = step or rate, _STATED.fullmatch(cells[1]) if name else None
+    if named is None or stated is None:
+        return 0.0
+    value = number_of(stated[1], decimal)
+    if value is None:
+        value = number_of(stated[1], "," if decimal == "." else ".")
+    beside = "".join(cells[2:3])
+    if not (find_unit_key(beside) or _RATE_UNIT.fullmatch(beside)):
+        beside = ""
+    units = {unit for unit in (named[1], stated[2].strip(" []()") or beside) if unit}
+    factors = {_factor(unit, step is not None) for unit in units or {"s" if step else "Hz"}}
+    if not value or not 0.0 < value < math.inf or len(factors) > 1:
+        return 0.0
+    scaled = value * factors.pop()
+    return scaled if step or not scaled else 1.0 / scaled
+
+
+def _factor(unit: str, is_time: bool) -> float:
+    """Return the factor to seconds or to hertz, 0 for another unit."""
+    if is_time:
+        kind, _, factor = UNITS.get(find_unit_key(unit), ("", "", 0.0))
+        return factor if kind == TIME else 0.0
+    found = _RATE_UNIT.fullmatch(unit)
+    if found is None or unit.startswith("mH"):  # millihertz
+        return 0.0
+    return {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9}[found[1].lower()]
