@@ -146,7 +146,10 @@ class Watch:
                 with Client(
                     self.name, self.address, self.base, "the page", self.credentials
                 ) as client:
-                    self._client = client
+                    # commands wait for a gateway that restarts; the thread that follows does not
+                    self._client = Client.of_axis(
+                        client.bus, client.keys, client.label, client.client
+                    )
                     self._follow(client)
             except DehystError as error:
                 self.problem = str(error)
@@ -165,7 +168,7 @@ class Watch:
         seconds = min(PAST_S, PAST_SAMPLES * feed.status.period_ns * 1e-9)
         self._take_samples(client.history(seconds=seconds))
         self._take_words(deque(client.events()), deque())
-        self.problem = ""
+        self.problem, client.patience_s = "", 0.0
         asked_ns = asked_run = 0
         while not self._stop.wait(TICK_S):
             samples = stream.read(0.0)
@@ -188,7 +191,6 @@ class Watch:
 
     def _ask(self, client: Client) -> None:
         """Request the model and configuration in use."""
-        client.patience_s = 0.0
         try:
             model, config = client.model(), client.config()
         except DehystError as error:

@@ -15,6 +15,9 @@ from dehyst.models.errors import BadInput, DehystError
 SHORTEST_PERIOD_S = 0.005
 SPARE_S = 15.0
 TRY_AGAIN_S, PAUSE_S = 5.0, 0.5
+NOTE_S = 0.02
+"""The output is noted this often during a ramp, so that a start after a killed `dehyst safe` is off
+by this much of a ramp at most; the default ramp of 50 V/s then stays within OUTPUT_AGREES_V."""
 PASSING = (DeviceGone, DeviceNotFound, DeviceTimeout, ProtocolError)
 """Errors that may have passed at the next attempt: a truncated reply, a port that its last user
 still holds."""
@@ -38,7 +41,7 @@ class _Output:
         except BaseException:
             self.link.close()
             raise
-        self.volts = float(past[-1])
+        self.volts, self._noted_ns = float(past[-1]), 0
         self.goal = config.safe.voltage_v if config.safe.on_fault == "ramp" else self.volts
         self.least_period_s = max(SHORTEST_PERIOD_S, 1.0 / actuator.spec.max_rate_hz)
 
@@ -55,6 +58,13 @@ class _Output:
             volts = self.volts + math.copysign(min(most, abs(way)), way)
             self.link.call(self.link.device.write, volts)
             self.volts = volts  # only now: the next attempt starts from what was written
+            if clock.monotonic_ns() - self._noted_ns >= NOTE_S * clock.NS:
+                self.note()
+
+    def note(self) -> None:
+        """Note the output for whoever drives it next."""
+        self._noted_ns = clock.monotonic_ns()
+        note_output(self.config, self.volts)
 
 
 def make_safe(controller: Controller) -> dict[str, float]:
@@ -99,7 +109,7 @@ def _once(axes: list[Config]) -> tuple[dict[str, float], dict[str, DehystError]]
         _ramp(outputs, errors)
     finally:
         for output in outputs:
-            note_output(output.config, output.volts)
+            output.note()
             output.link.close()
     done = [output for output in outputs if output.config.name not in errors]
     return {output.config.name: output.volts for output in done}, errors

@@ -14,7 +14,7 @@ from dehyst.daemon.loop.checks import past_output
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.service.pin import pin_units
-from dehyst.daemon.service.safe_state import SHORTEST_PERIOD_S, make_safe
+from dehyst.daemon.service.safe_state import NOTE_S, SHORTEST_PERIOD_S, make_safe
 from dehyst.drivers.interface import Actuator, DriverError, UnitIdentity
 from dehyst.drivers.mdt693b import Mdt693b
 from dehyst.drivers.python_object import PythonActuator
@@ -183,6 +183,23 @@ def test_the_next_core_believes_in_what_safe_left(blind: Path) -> None:
     unit.unit = UnitIdentity("", "MDT693B firmware 1.05", "usb-1")
     past, said = past_output(config, 3.2, unit)  # not ForeignUnit, as without a serial number
     assert (past[-1], said) == (3.0, [])
+
+
+def test_killed_at_any_step_it_leaves_a_note_of_where_the_output_is(
+    blind: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controller = load_controller(blind)
+    apart_v: list[float] = []
+
+    def write(_: Blind, volts: float) -> None:
+        apart_v.append(abs(believed(controller.axes[0]) - Blind.written[-1]))  # if it ended here
+        Blind.written.append(volts)
+
+    monkeypatch.setattr(Blind, "write", write)
+    make_safe(controller)
+    step_v = RAMP_V_PER_S * SHORTEST_PERIOD_S
+    assert len(apart_v) >= 20
+    assert max(apart_v) <= RAMP_V_PER_S * NOTE_S + step_v
 
 
 @pytest.mark.usefixtures("waits")

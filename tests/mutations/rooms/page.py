@@ -18,6 +18,14 @@ CHANGES = [
             "            if over.is_set():  # connecting", "            if False:  # connecting",
             "an axis moves after the page has said that all are stopped",
         ),
+        Change(
+            "page-stop-has-no-patience", "daemon/page/watching.py",
+            "                    self._client = Client.of_axis(\n"
+            "                        client.bus, client.keys, client.label, client.client\n"
+            "                    )\n",
+            "                    self._client = client\n",
+            "the page's stop is lost while the gateway restarts",
+        ),
     ),
     *room(
         ("tests/daemon/page/test_guesses.py",),

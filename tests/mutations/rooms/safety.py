@@ -23,8 +23,13 @@ CHANGES = [
         ("tests/daemon/service/test_safe_state.py",),
         Change(
             "safe-notes-nothing", "daemon/service/safe_state.py",
-            "            note_output(output.config, output.volts)\n", "",
+            "        note_output(self.config, self.volts)\n", "        pass\n",
             "after `dehyst safe` an output without readback jumps back to where the loop died",
+        ),
+        Change(
+            "safe-notes-only-the-end", "daemon/service/safe_state.py",
+            "                self.note()\n", "                pass\n",
+            "after a `dehyst safe` that was killed an output without readback jumps",
         ),
         Change(
             "a-failed-write-counts", "daemon/service/safe_state.py",
