@@ -17,10 +17,12 @@ from dehyst.models.diagnosis.effects import apply_output_effects
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.identify.uncertainty import measure_band_hz
 from dehyst.models.model import Block, Fit, Hysteresis, Model, Provenance
 from dehyst.models.physics import KINDS, DriveScale, bent_loops, curved_plays, lead
 from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.pace import measure_slowest_s
 
 REACH_BEYOND = 0.2  # of the drive's range: how far another drive of the same kind may exceed it
 REACH_SAMPLES, REACH_S = 300, 0.1  # samples of one sweep over the range, and their interval
@@ -92,6 +94,23 @@ def with_rows_early(model: Model, data: Data) -> Model:
         return model
     ahead = lead("drive", data.rows_early * data.period)
     return replace(model, blocks=(ahead, *model.blocks))
+
+
+def state_fit(model: Model, data: Data, fit: Fit) -> Model:
+    """Return the model with what it was fitted to: its errors, and how fast and how slow the drive
+    was. A model that states its errors keeps them. data: all samples."""
+    if model.fit.rms is not None:
+        return model
+    each = [data.rec == i for i in range(len(data.names))]
+    bands = [measure_band_hz(data.u[k], data.period) for k in each]
+    slowest = max(measure_slowest_s(data.t[k], data.u[k], data.span) for k in each)
+    known = [hz for hz in (*bands, model.validity.band_hz) if hz is not None]
+    validity = replace(
+        model.validity,
+        band_hz=max(known, default=None),
+        slowest_s=max(slowest, model.validity.slowest_s or 0.0) or None,
+    )
+    return replace(model, fit=fit, validity=validity)
 
 
 def is_within_reach(model: Model, data: Data) -> bool:

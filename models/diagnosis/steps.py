@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dehyst.models.cascade.history import replay_recording
-from dehyst.models.diagnosis.augment import with_rows_early
+from dehyst.models.diagnosis.augment import state_fit, with_rows_early
 from dehyst.models.diagnosis.data.locate import locate
 from dehyst.models.diagnosis.data.survey import BUTTERFLY, ONE_SIDE, centred_residual, survey
 from dehyst.models.diagnosis.findings.decide import next_experiment
@@ -20,7 +20,7 @@ from dehyst.models.diagnosis.result import Diagnosis, Finding, FitView, Value
 from dehyst.models.diagnosis.search_problem import Progress, choose_base, join_recordings
 from dehyst.models.diagnosis.searched import look_for_causes
 from dehyst.models.diagnosis.verdict import Judged, reach_verdict
-from dehyst.models.model import Model
+from dehyst.models.model import Fit, Model
 from dehyst.models.physics.candidate import Candidate, Sighting
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Bools, Data, Floats
@@ -81,8 +81,7 @@ def _report(
     }
     noises, left = (found.sigma, judged.noise), centred_residual(whole, diagnosed.predict(whole))
     quality = survey(whole, fitted, noises, judged.unexplained, searched.warnings)
-    say("done", 1.0)
-    return Diagnosis(
+    diagnosis = Diagnosis(
         verdict=verdict,
         data=quality,
         noise=judged.noise,
@@ -98,6 +97,9 @@ def _report(
         locate=locate(whole, left, found.sigma),
         tried=tuple(_tried(found.counted, found)),
     )
+    fit = Fit(diagnosis.before_after[1], rms["heldout_augmented"], judged.noise)
+    say("done", 1.0)
+    return replace(diagnosis, model=state_fit(model, whole, fit))
 
 
 def _with_sighting(

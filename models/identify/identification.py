@@ -49,7 +49,7 @@ from dehyst.models.model import Fit, Provenance, Validity
 from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats, Recording
 from dehyst.models.signals.drive_segments import find_drive_segments, repeats_one_loop
-from dehyst.models.signals.pace import measure_pace
+from dehyst.models.signals.pace import measure_slowest_s
 from dehyst.models.signals.rounding import quantum
 from dehyst.models.units import spell_unit
 
@@ -362,9 +362,7 @@ def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:
     slowest = []
     for one in rows:
         known = ~np.isnan(one.u)
-        pace = measure_pace(one.t_s[known], one.u[known], setup.span)
-        # 99 rows in 100: slower ones are too few to show what is slow
-        slowest.append(float(np.quantile(pace, 0.99)) if pace.size else 0.0)
+        slowest.append(measure_slowest_s(one.t_s[known], one.u[known], setup.span))
     bands = [b for one in rows if (b := measure_band_hz(one.u, one.period_s)) is not None]
     return Validity(
         drive_min=setup.drive_min,

@@ -36,3 +36,10 @@ def measure_pace(t_s: Floats, u: Floats, u_range: float) -> Floats:
                 lowest.popleft()
         out[i] = t[i] - t[last]
     return np.repeat(out, each)[: u.size] if each > 1 else out
+
+
+def measure_slowest_s(t_s: Floats, u: Floats, u_range: float) -> float:
+    """Return the duration [s] that the pace of 99 rows in 100 does not exceed; slower ones are too
+    few to show what is slow. 0 without rows."""
+    pace = measure_pace(t_s, u, u_range)
+    return float(np.quantile(pace, 0.99)) if pace.size else 0.0

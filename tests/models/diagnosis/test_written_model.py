@@ -156,6 +156,18 @@ def test_the_stated_errors_are_those_of_the_written_file(found: Diagnosis) -> No
             assert found.rms[kind][one.name] == pytest.approx(error, rel=1e-6)
 
 
+def test_the_written_file_claims_what_was_found_and_where(found: Diagnosis) -> None:
+    """`validate` compares with these figures; without them it has nothing to judge by."""
+    model = loads(dumps(found.model))
+    assert model.fit.rms == pytest.approx(found.before_after[1], rel=1e-6)
+    assert model.fit.holdout_rms == pytest.approx(found.rms["heldout_augmented"], rel=1e-6)
+    assert model.fit.noise_rms == pytest.approx(found.noise, rel=1e-6)
+    range_ = model.validity
+    assert range_.band_hz is not None and range_.period_s is not None
+    assert 0.0 < range_.band_hz < 0.5 / range_.period_s
+    assert range_.slowest_s is not None and range_.slowest_s > 0.0
+
+
 @pytest.mark.parametrize(("share", "leads", "most"), [(1.0, True, 0.1), (0.1, False, 1.01)])
 def test_a_mode_behind_held_commands_is_handed_out_with_a_lead_where_that_is_better(
     share: float, leads: bool, most: float

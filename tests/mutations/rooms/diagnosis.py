@@ -331,6 +331,13 @@ CHANGES = [
     *room(
         ("tests/models/diagnosis/test_written_model.py",),
         Change(
+            "written-model-claims-nothing",
+            "models/diagnosis/steps.py",
+            "    return replace(diagnosis, model=state_fit(model, whole, fit))\n",
+            "    return diagnosis\n",
+            "no recording can be worse than a diagnosed model claims",
+        ),
+        Change(
             "left-out-rows-are-fitted",
             "models/diagnosis/held_out.py",
             "    others = ~problem.counted(here)\n",
