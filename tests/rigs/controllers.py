@@ -43,6 +43,7 @@ EVERYTHING = 10  # every tenth subscriber receives all controllers
 SESSIONS = 17  # per process
 LATEST_S = 3.0  # how much later than the first subscriber the others may receive a message
 START_S = 600.0
+COUNTED_S = 10.0  # for the gateways to count the last set-points that were put
 CONFIG = """
 name = "{name}"
 run_dir = "{run}"
@@ -203,13 +204,21 @@ class Mover:
         """Stop; return how many set-points did not arrive."""
         self._stop.set()
         self._thread.join(10.0)
-        time.sleep(0.3)
+        until_s = time.monotonic() + COUNTED_S
+        while self._lost() and time.monotonic() < until_s:  # the last ones are still on their way
+            time.sleep(0.1)
+        lost = self._lost()
+        for client in self.clients:
+            client.close()
+        return lost
+
+    def _lost(self) -> int:
+        """Return how many set-points the gateways have not counted."""
         lost = 0
         for client in self.clients:
             now = client.status().gateway.commands
             sent = client.asked + self._put[client.name]
             lost += sent - (now - self._before[client.name])
-            client.close()
         return lost
 
 

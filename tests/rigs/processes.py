@@ -3,12 +3,14 @@
 import json
 import os
 import random
+import re
 import select
 import signal
 import socket
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -22,6 +24,12 @@ from dehyst.daemon.rings.status import STATUS
 
 DTYPES = {"telemetry": TELEMETRY, "status": STATUS, "event": EVENT, "command": COMMAND}
 SLEW = 4000.0
+TIMEOUT_S = 1.0
+"""Of the emulated devices: their process may stand still for longer than a unit does."""
+PATIENT = f"timeout_s = {TIMEOUT_S}"
+ATTEMPTS = 3
+TIMED_OUT = re.compile(r"\bwithin [\d.]+ s\b")
+REPEATABLE = "The same command repeats it"
 
 CONFIG = """
 name = "test"
@@ -127,8 +135,8 @@ class EmulatedBench:
             CONFIG.format(
                 run=self.folder / "run", model=model, rate=rate, actuator="mdt693b",
                 sensor="ksg101", loop=f"cpu = {one_cpu()}",
-                actuator_settings=f'{{port = "{self.ports["mdt693b"]}"}}',
-                sensor_settings=f'{{port = "{self.ports["ksg101"]}"}}',
+                actuator_settings=f'{{port = "{self.ports["mdt693b"]}", {PATIENT}}}',
+                sensor_settings=f'{{port = "{self.ports["ksg101"]}", {PATIENT}}}',
                 trim="false",
             )
         )  # fmt: skip
@@ -215,6 +223,33 @@ class Rings:
         ring = Ring.attach(self.folder / "command.ring", COMMAND)
         ring.push_many(batch)
         ring.close()
+
+
+def say_repeated(what: str, why: str) -> None:
+    """Report in pytest's summary that something is repeated, and why."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.warn(f"repeated: {what}: {why}", stacklevel=2)
+
+
+def set_up(*arguments: str, seconds: float = 280.0) -> "tuple[subprocess.Popen[str], str, str]":
+    """Run `dehyst setup`, and run it again as it says itself where a device that was late ended it,
+    ATTEMPTS times at most, all within `seconds`. Return (process, stdout, stderr), the latter of
+    all attempts."""
+    deadline, said = time.monotonic() + seconds, ""
+    for attempt in range(1, ATTEMPTS + 1):
+        process = dehyst("setup", *arguments)
+        try:
+            out, err = process.communicate(timeout=max(1.0, deadline - time.monotonic()))
+        finally:
+            process.kill()
+        said += err
+        last = " ".join(err.split())
+        ended_late = REPEATABLE in last and (late := TIMED_OUT.search(last))
+        if process.returncode == 0 or not ended_late or attempt == ATTEMPTS:
+            break
+        say_repeated("dehyst setup", f"a device did not answer {late[0]}")
+    return process, out, said
 
 
 def end(process: "subprocess.Popen[str]", timeout: float = 30.0) -> int:

@@ -88,9 +88,12 @@ def test_random_bytes_in_a_ring_that_is_in_use(service: Service, name: str) -> N
         after = client.status()
         assert (after.pid, after.gateway.pid) == (before.pid, before.gateway.pid)
         assert after.core_alive
-        client.send(4.0)
         stream = client.stream()
-        until(lambda: 4.0 in stream.read(0.1)["target"], 20.0, "the set-point is followed")
+        until(
+            lambda: sent(client) and 4.0 in stream.read(0.3)["target"],
+            20.0,
+            "the set-point is followed",
+        )
     assert "Traceback" not in service.words()
 
 

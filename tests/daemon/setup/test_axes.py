@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
-from tests.rigs.processes import EmulatedBench, dehyst
+from tests.rigs.processes import EmulatedBench, set_up
 
 from dehyst.daemon.config import load_controller
 from dehyst.daemon.files.models import load_model
@@ -181,10 +181,9 @@ def test_the_gauge_readers_are_distinguished_by_what_moves_them(tmp_path: Path) 
     bench = EmulatedBench(tmp_path, "--axes", "3")
     try:
         ports = [bench.ports[name] for name in ("ksg101-z", "ksg101-x", "mdt693b", "ksg101-y")]
-        words = ["setup", str(tmp_path / "stage"), "--yes", "--json", "--axes", "3"]
+        words = [str(tmp_path / "stage"), "--yes", "--json", "--axes", "3"]
         words += ["--range", "0", "140", "--until", "exercise", "--ports", *ports]
-        process = dehyst(*words)
-        out, err = process.communicate(timeout=280)
+        process, out, err = set_up(*words)
         _, volts = bench.output()
     finally:
         bench.close()

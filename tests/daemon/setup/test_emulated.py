@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.rigs.processes import EmulatedBench, dehyst
+from tests.rigs.processes import EmulatedBench, dehyst, set_up
 
 from dehyst.daemon.config import load_config
 from dehyst.daemon.files.recordings import read_recording
@@ -22,13 +22,12 @@ RANGE, SLEW = (0.0, 140.0), 3000.0
 def done(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> "tuple[Path, subprocess.Popen[str], str, str]":
-    """Run one whole set-up; return (folder, process, stdout, stderr). The bench's output is kept in
-    a file."""
+    """Run one whole set-up; return (folder, process, stdout, stderr of all attempts). The bench's
+    output is kept in a file."""
     folder = tmp_path_factory.mktemp("setup")
     bench = EmulatedBench(folder)
     try:
-        process = dehyst(
-            "setup",
+        process, out, err = set_up(
             str(folder / "stage"),
             "--yes",
             "--json",
@@ -44,7 +43,6 @@ def done(
             "--axis",
             "x",
         )
-        out, err = process.communicate(timeout=280)
         time_ns, volts = bench.output()
         np.savez(folder / "output.npz", time_ns=time_ns, volts=volts)
     finally:

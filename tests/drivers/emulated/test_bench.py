@@ -49,7 +49,7 @@ class Rig:
         )
         self.thread.start()
         assert ready.wait(PATIENCE_S)
-        self.amplifier = Mdt693b.from_settings({"port": self.ports["mdt693b"]})
+        self.amplifier = Mdt693b.from_settings({"port": self.ports["mdt693b"], "timeout_s": 2.0})
         self.gauge = Ksg101.from_settings({"port": self.ports["ksg101"], "timeout_s": 1.0})
         self.amplifier.open()
         self.gauge.open()
@@ -125,7 +125,7 @@ def test_gauge_faults(rig: Rig) -> None:
 
 
 def test_amplifier_faults(rig: Rig) -> None:
-    rig.ask(amplifier={"hang": True}, for_s=2.0)
+    rig.ask(amplifier={"hang": True}, for_s=4.0)
     with pytest.raises(DriverError):
         rig.amplifier.write(30.0)
     until(lambda: not rig.bench.amplifier.unit.faults.hang)
@@ -197,7 +197,7 @@ def test_emulate_as_a_process(tmp_path: Path) -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment) as process:
         assert process.stdout is not None
         ports = json.loads(process.stdout.readline())
-        amplifier = Mdt693b.from_settings({"port": ports["mdt693b"]})
+        amplifier = Mdt693b.from_settings({"port": ports["mdt693b"], "timeout_s": 2.0})
         amplifier.open()
         assert "legacy" in amplifier.spec.identity
         amplifier.write(50.0)

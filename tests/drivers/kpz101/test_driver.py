@@ -3,6 +3,7 @@
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import ClassVar
 
@@ -44,6 +45,16 @@ class Rig:
 
     def fault(self, **faults: object) -> None:
         self.server.call(lambda: setattr(self.unit, "faults", Kpz101Faults(**faults)))  # type: ignore[arg-type]
+
+
+@contextmanager
+def impatient(device: Kpz101, match: str | None = None) -> Iterator[None]:
+    """Expect a time-out, without the long one for a busy machine."""
+    link = device._channel._link
+    link.timeout_s, patience_s = 0.15, link.timeout_s
+    with pytest.raises(DeviceTimeout, match=match):
+        yield
+    link.timeout_s = patience_s
 
 
 Make = Callable[..., Rig]
@@ -290,11 +301,11 @@ def test_replies_in_pieces_and_after_garbage(make: Make, size: int) -> None:
 
 def test_a_late_reply_is_not_taken_for_the_next_one(make: Make) -> None:
     rig = make()
-    device = rig.driver(timeout_s=0.15)
+    device = rig.driver(timeout_s=2.0)
     device.open()
     device.write(1.0)
-    rig.fault(delay_s=0.25)
-    with pytest.raises(DeviceTimeout, match="pz_req_outputvolts within"):
+    rig.fault(delay_s=1.0)
+    with impatient(device, match="pz_req_outputvolts within"):
         device.write(2.0)
     assert device.output() == pytest.approx(1.0, abs=device.spec.resolution)
     rig.fault()
@@ -312,11 +323,11 @@ def test_a_late_reply_is_not_taken_for_the_next_one(make: Make) -> None:
 
 def test_after_a_lost_reply_reconnect_asks_where_the_output_stands(make: Make) -> None:
     rig = make()
-    device = rig.driver(timeout_s=0.1)
+    device = rig.driver(timeout_s=2.0)
     device.open()
     device.write(1.0)
     rig.fault(mute=True)  # the set is carried out, its reply is lost
-    with pytest.raises(DeviceTimeout):
+    with impatient(device):
         device.write(2.0)
     rig.fault()
     device.reconnect()

@@ -141,12 +141,15 @@ def test_replies_in_pieces_and_behind_garbage(tmp_path: Path, size: int) -> None
 
 
 def test_a_late_reply_is_not_taken_for_the_next_one(rig: Rig) -> None:
-    sensor = rig.driver(timeout_s=0.15)
+    sensor = rig.driver(timeout_s=2.0)
     sensor.open()
     rig.position_um = 1.0
-    rig.server.call(lambda: setattr(rig.unit, "faults", Ksg101Faults(delay_s=0.25)))
+    rig.server.call(lambda: setattr(rig.unit, "faults", Ksg101Faults(delay_s=1.0)))
+    link = sensor._require_link()
+    link.timeout_s, patience_s = 0.15, link.timeout_s
     with pytest.raises(DeviceTimeout, match="tsg_req_reading within"):
         sensor.read()
+    link.timeout_s = patience_s
     rig.server.call(lambda: setattr(rig.unit, "faults", Ksg101Faults()))
     rig.position_um = 9.0
     for _ in range(20):  # until the queue after the late reply has moved on

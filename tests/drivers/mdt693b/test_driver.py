@@ -34,7 +34,7 @@ def bench(tmp_path):
     @contextmanager
     def make(settings=None, **knobs):
         with Mdt693bEmulator(tmp_path / "port", Mdt693bKnobs(**FAST | knobs)) as emulator:
-            table = {"port": emulator.port, "idle_s": 0.02, "timeout_s": 0.5}
+            table = {"port": emulator.port, "idle_s": 0.02, "timeout_s": 5.0}
             config = read_settings(Mdt693bConfig, table | (settings or {}))
             driver = Mdt693b(config, sleep=lambda seconds: None)  # the readback has no lag
             driver.open()
@@ -85,7 +85,7 @@ def test_every_firmware_echo_and_mode(bench, dialect, echo, mode):
 @BOTH
 @pytest.mark.parametrize("chunk_size", [1, 2])
 def test_replies_in_pieces(bench, dialect, chunk_size):
-    with bench({"idle_s": 0.06}, dialect=dialect, chunk_size=chunk_size, chunk_gap_s=3e-4) as (
+    with bench({"idle_s": 0.3}, dialect=dialect, chunk_size=chunk_size, chunk_gap_s=3e-4) as (
         emulator,
         driver,
     ):
@@ -333,7 +333,7 @@ def test_wrong_serial_number_is_refused(bench):
 
 @BOTH
 def test_a_hang_is_reported_not_queued_and_survived(bench, dialect):
-    with bench(dialect=dialect) as (emulator, driver):
+    with bench({"timeout_s": 2.0}, dialect=dialect) as (emulator, driver):
         driver.write(30.0)
         emulator.fault(hang=True)
         for volts in (31.0, 32.0):
@@ -571,7 +571,7 @@ def test_a_readback_that_disagrees_is_reported_by_readback_alone(bench):
 
 def test_a_silent_port_and_a_babbling_one_are_reported(bench):
     for fault, text in ((b"", "no answer"), (b"login: ", "not a reply of an MDT693B")):
-        with bench() as (emulator, driver):
+        with bench({"timeout_s": 0.5}) as (emulator, driver):
             driver.close()
             emulator.fault(mute=True)
             if fault:

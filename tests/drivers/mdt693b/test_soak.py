@@ -15,6 +15,7 @@ from dehyst.drivers.mdt693b import Mdt693b
 from dehyst.drivers.mdt693b.settings import Mdt693bConfig
 
 STEP_V = 0.5
+PATIENCE_S = 60.0
 HALF_LSB_V = 2.75e-3 / 2 + 1e-9
 
 
@@ -25,7 +26,7 @@ def disturb(chance: random.Random, emulator: Mdt693bEmulator) -> str:
     )
     match kind:
         case "delay":
-            emulator.fault(count=chance.randint(1, 2), delay_s=chance.choice([0.01, 0.08, 0.15]))
+            emulator.fault(count=chance.randint(1, 2), delay_s=chance.choice([0.03, 0.24, 0.45]))
         case "mute":
             emulator.fault(mute=True)
         case "hang":
@@ -48,7 +49,8 @@ def disturb(chance: random.Random, emulator: Mdt693bEmulator) -> str:
 
 def bring_up(connect: Callable[[], None], after: str) -> None:
     """Call until it succeeds: the time-outs here are short, and late replies may still arrive."""
-    for _ in range(10):
+    end_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end_s:
         with contextlib.suppress(DriverError):
             return connect()
     raise AssertionError(f"{after}: never came back")
@@ -65,7 +67,7 @@ def soak(folder, dialect: str, seed: int, steps: int) -> dict[str, int]:
     counts = {"written": 0, "failed": 0, "reconnected": 0}
     with emulator:
         moves.clear()
-        config = Mdt693bConfig(emulator.port, timeout_s=0.05, write_timeout_s=0.03, idle_s=0.015)
+        config = Mdt693bConfig(emulator.port, timeout_s=0.15, write_timeout_s=0.09, idle_s=0.045)
         driver = Mdt693b(config, sleep=lambda seconds: None)
         bring_up(driver.open, "start")
         for _ in range(steps):
@@ -83,7 +85,7 @@ def soak(folder, dialect: str, seed: int, steps: int) -> dict[str, int]:
                     error = f"{fault}: {driver.output()} V acknowledged, output at {true_v} V"
                     assert abs(true_v - driver.output()) <= HALF_LSB_V, error
             if chance.random() < 0.3:
-                time.sleep(chance.choice([0.0, 0.02, 0.1]))
+                time.sleep(chance.choice([0.0, 0.06, 0.3]))
             if chance.random() < 0.5:
                 continue
             emulator.clear_faults()

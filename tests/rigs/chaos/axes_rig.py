@@ -25,10 +25,12 @@ from tests.rigs.chaos.rig import (
     SLEW,
     Listener,
     Rig,
+    StoodStill,
     samples_since,
     until,
 )
 from tests.rigs.output import check_range, check_speed, during
+from tests.rigs.processes import PATIENT
 
 from dehyst.daemon.rings.records import Flag, State
 
@@ -58,14 +60,14 @@ CONFIG = """
 name = "chaos"
 run_dir = "{run}"
 loop = {{rate_hz = {rate}}}
-actuator = {{driver = "mdt693b", settings = {{port = "{mdt693b}"}}}}
+actuator = {{driver = "mdt693b", settings = {{port = "{mdt693b}", {patient}}}}}
 """
 CONFIG += LIMITS
 AXIS = """
 [axis.{axis}]
 model = {{file = "{model}"}}
 actuator.settings.axis = "{axis}"
-sensor = {{driver = "ksg101", settings = {{port = "{port}"}}}}
+sensor = {{driver = "ksg101", settings = {{port = "{port}", {patient}}}}}
 """
 
 
@@ -88,11 +90,13 @@ class AxesRig(Rig):
         text = CONFIG.format(
             run=self.folder / "run", rate=RATE_HZ, max_v=MAX_V, slew=SLEW, safe_v=SAFE_V, ramp=RAMP,
             hold_s=HOLD_S, on_fault=on_fault, listen=self.address, mdt693b=self.ports["mdt693b"],
+            patient=PATIENT,
         )  # fmt: skip
         for axis in AXES:
             path = self.model if axis == "x" else self.folder / f"model-{axis}.toml"
             path.write_text(self.models[axis])
-            text += AXIS.format(axis=axis, model=path, port=self.ports[f"ksg101-{axis}"])
+            port = self.ports[f"ksg101-{axis}"]
+            text += AXIS.format(axis=axis, model=path, port=port, patient=PATIENT)
         return text + f"safe.voltage_v = {REST_V}\n"
 
     @property
@@ -189,21 +193,33 @@ class AxesRig(Rig):
         check_range(volts, 0.0, MAX_V)
         check_speed(time_ns, volts, SLEW, SLEW / RATE_HZ)
 
-    def check_undisturbed(self, axis: str) -> None:
-        """Check that an axis was undisturbed: no sample is missing, every one is in its trajectory,
-        the target follows the trajectory, and the output never stops moving."""
-        samples = self.samples_of(axis)
+    def check_undisturbed(self, axis: str, since_ns: int = 0) -> None:
+        """Check that an axis was undisturbed since the mark, or since_ns if that is later: no
+        sample is missing, every one is in its trajectory, the target follows the trajectory, and
+        the output never stops moving. Raises StoodStill if one of the last two is not so, but the
+        loop stood still: it then glides, which is flagged as an approach."""
+        since_ns = max(since_ns, self.fault_ns)
+        samples = samples_since(since_ns, self.heard(axis))
         assert samples.size, f"no telemetry of {axis}"
         assert set(np.diff(samples["seq"])) <= {1}, f"telemetry of {axis} has a gap"
         states = {State(int(s)).name for s in np.unique(samples["state"])}
         assert states == {"RUNNING"}, f"{axis} was disturbed: {states}"
-        assert not np.bitwise_or.reduce(samples["flags"]) & Flag.APPROACH, f"{axis} began anew"
+        anew = bool(np.bitwise_or.reduce(samples["flags"]) & Flag.APPROACH)
         way = np.abs(np.diff(samples["target"]))  # by the clock, in case a deadline was missed
         most = MOST_UM_PER_S * np.diff(samples["scheduled_ns"]) * 1e-9
         assert np.all(way <= most), f"the target of {axis} jumped by {np.nanmax(way):.3f} um"
-        time_ns, _ = during(*self.channel(axis), self.fault_ns)
+        time_ns, _ = during(*self.channel(axis), since_ns)
         silent_s = float(np.max(np.diff(time_ns))) * 1e-9
+        if anew or silent_s >= MOST_SILENT_S:
+            self.check_never_still(samples)
+        assert not anew, f"{axis} began anew"
         assert silent_s < MOST_SILENT_S, f"the output of {axis} stood still for {silent_s:.2f} s"
+
+    def check_never_still(self, samples: np.ndarray) -> None:
+        """Raise StoodStill if the loop stood still between two of these samples."""
+        longest_ns = np.diff(samples["actual_ns"]).max(initial=0)
+        if longest_ns > commands.STOOD_STILL_NS:
+            raise StoodStill(f"not judged: the loop stood still for {longest_ns * 1e-9:.2f} s")
 
     def judge(self, fault: Callable[..., str]) -> None:
         """Check that z has not moved, and that y kept to its limits and, for faults of x alone,

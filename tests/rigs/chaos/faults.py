@@ -31,6 +31,7 @@ from tests.rigs.chaos.rig import (
     until,
 )
 from tests.rigs.output import check_range, check_speed, during
+from tests.rigs.processes import TIMEOUT_S
 
 from dehyst.daemon.rings.records import Flag, State
 
@@ -225,12 +226,13 @@ def unplug(rig: Rig, seconds: float = 1.5) -> str:
     return "fault, reconnected"
 
 
-def hang(rig: Rig, seconds: float = 1.0) -> str:
+def hang(rig: Rig, seconds: float = 3.0 * TIMEOUT_S) -> str:
     """amplifier hangs"""
     rig.bench_order(amplifier={"hang": True}, for_s=seconds)
     rig.until_state(State.FAULT)
     rig.until_event("actuator: back", 30.0)
-    assert "within 0.25 s" in rig.events(), rig.events()  # the driver's words for a time-out
+    within = f"within {TIMEOUT_S:g} s"  # the driver's words for a time-out
+    assert within in rig.events(), rig.events()
     return "fault (time-out), reconnected"
 
 

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from tests.rigs import output
-from tests.rigs.processes import as_hardware
+from tests.rigs.processes import PATIENT, as_hardware
 
 from dehyst.daemon.bus.messages import Event, Status
 from dehyst.daemon.client.client import Client
@@ -67,8 +67,8 @@ loop = {{rate_hz = {rate}}}
 """
 CONFIG += LIMITS
 DEVICES = """\
-actuator = {{driver = "mdt693b", settings = {{port = "{mdt693b}", rate_hz = 250.0}}}}
-sensor = {{driver = "ksg101", settings = {{port = "{ksg101}"}}}}"""
+actuator = {{driver = "mdt693b", settings = {{port = "{mdt693b}", rate_hz = 250.0, {patient}}}}}
+sensor = {{driver = "ksg101", settings = {{port = "{ksg101}", {patient}}}}}"""
 
 SITE = """
 import os, time
@@ -82,6 +82,10 @@ def _offset_s():
 time.time = lambda: _time() + _offset_s()
 time.time_ns = lambda: _time_ns() + int(_offset_s() * 1e9)
 """
+
+
+PAUSE_S = 0.5
+"""A pause of a thread that only looks at the clock above which the machine has stood still."""
 
 
 def free_port() -> int:
@@ -141,6 +145,31 @@ class Listener(threading.Thread):
                 self.statuses.append(status)
 
 
+class StoodStill(AssertionError):
+    """Not judged: the machine stood still every time."""
+
+
+class Witness(threading.Thread):
+    """Notes when the machine stands still: this thread has nothing to do but look at the clock."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.pauses: list[tuple[int, float]] = []  # (end [ns], length [s]) of each above PAUSE_S
+        self.ending = threading.Event()
+
+    def run(self) -> None:
+        seen_ns = time.monotonic_ns()
+        while not self.ending.wait(0.01):
+            now_ns = time.monotonic_ns()
+            if now_ns - seen_ns > PAUSE_S * 1e9:
+                self.pauses.append((now_ns, (now_ns - seen_ns) * 1e-9))
+            seen_ns = now_ns
+
+    def longest_s(self, since_ns: int) -> float:
+        """Return the longest pause that ended since then; 0.0 if there was none above PAUSE_S."""
+        return max((s for end_ns, s in list(self.pauses) if end_ns > since_ns), default=0.0)
+
+
 class Rig:
     """The complete running rig. `since` marks the beginning of a fault (see `mark`)."""
 
@@ -170,6 +199,8 @@ class Rig:
         self.processes: list[subprocess.Popen[bytes]] = []
         self.listener: Listener | None = None
         self.mover: subprocess.Popen[bytes] | None = None
+        self.witness = Witness()
+        self.witness.start()
         self.ports = self._bench()
         self.model = folder / "model.toml"
         self.model.write_text(Path(model).read_text())
@@ -187,7 +218,7 @@ class Rig:
 
     def devices(self) -> str:
         """Return the configuration's lines about the devices."""
-        return DEVICES.format(**self.ports)
+        return DEVICES.format(patient=PATIENT, **self.ports)
 
     @property
     def kept(self) -> Path:
@@ -426,6 +457,7 @@ class Rig:
 
     def close(self) -> None:
         """End everything, including stopped processes."""
+        self.witness.ending.set()
         if self.listener is not None:
             self.listener.ending.set()
             self.listener.join(5.0)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from tests.rigs.chaos.faults import unplug
 from tests.rigs.chaos.rig import Rig
+from tests.rigs.processes import PATIENT, TIMEOUT_S
 
 from dehyst.daemon.rings.records import Flag, State
 
@@ -26,9 +27,10 @@ GAUGE_NUMBER = 59000123
 FOREIGN_NUMBER = 7
 AWAY_S, FOREIGN_S = 1.0, 3.0
 DEVICES = """\
-actuator = {{driver = "{driver}", settings = {{port = "{port}", timeout_s = 0.25}}}}
-sensor = {{driver = "{gauge}", settings = {{port = "{gauge_port}", timeout_s = 0.25}}}}"""
-"""The time-out is that for an MDT693B: less is too short when the machine is busy."""
+actuator = {{driver = "{driver}", settings = {{port = "{port}", {patient}}}}}
+sensor = {{driver = "{gauge}", settings = {{port = "{gauge_port}", {patient}}}}}"""
+LATER_S = 1.5
+"""A delay of an answer, longer than the time-out."""
 
 
 class UnitRig(Rig):
@@ -44,6 +46,7 @@ class UnitRig(Rig):
         port = self.ports[self.port_name]
         own = self.unit in OWN_GAUGE
         return DEVICES.format(
+            patient=PATIENT,
             driver=self.unit,
             port=port,
             gauge=self.unit if own else "ksg101",
@@ -58,8 +61,8 @@ class UnitRig(Rig):
 
 
 def late(rig: UnitRig) -> str:
-    """the unit answers 0.5 s late"""
-    rig.bench_order(amplifier={"delay_s": 0.5, **_replies(rig, 1000)}, for_s=1.0)
+    """the unit answers 1.5 s late"""
+    rig.bench_order(amplifier={"delay_s": LATER_S, **_replies(rig, 1000)}, for_s=2.0 * LATER_S)
     rig.until_state(State.FAULT)
     rig.until_event("actuator: back", 30.0)
     assert "within" in rig.events(), rig.events()  # the driver's message for a time-out
@@ -70,7 +73,7 @@ def damaged(rig: UnitRig) -> str:
     """random bytes in the unit's answers"""
     noise = True if rig.unit in PORTS else 20
     rig.bench_order(amplifier={"garbage": noise, **_replies(rig, 2)})
-    time.sleep(0.5)
+    time.sleep(TIMEOUT_S + 0.5)
     if State.FAULT in rig.states():
         rig.bench_order(clear=True)
         rig.until_event("actuator: back", 30.0)

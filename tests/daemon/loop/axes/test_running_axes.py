@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from tests.rigs.processes import EmulatedBench, Rings, core, until
+from tests.rigs.processes import PATIENT, EmulatedBench, Rings, core, until
 from tests.rigs.two_loops import model
 
 from dehyst.daemon.files.models import save_model
@@ -94,12 +94,13 @@ def test_one_process_runs_two_axes_in_the_same_samples(simulated: Running) -> No
 def serial(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     folder = tmp_path_factory.mktemp("serial")
     bench = EmulatedBench(folder, "--axes", "3")
-    more = f'[actuator]\ndriver = "mdt693b"\nsettings = {{port = "{bench.ports["mdt693b"]}"}}\n'
+    port = bench.ports["mdt693b"]
+    more = f'[actuator]\ndriver = "mdt693b"\nsettings = {{port = "{port}", {PATIENT}}}\n'
     for axis in "xyz":
         port = bench.ports[f"ksg101-{axis}"]
         more += (
             f'[axis.{axis}]\nactuator.settings.axis = "{axis}"\n'
-            f'sensor = {{driver = "ksg101", settings = {{port = "{port}"}}}}\n'
+            f'sensor = {{driver = "ksg101", settings = {{port = "{port}", {PATIENT}}}}}\n'
         )
     try:
         with core(begun(folder, 50.0, more), "x"):
