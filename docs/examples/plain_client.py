@@ -53,12 +53,19 @@ class Stage:
         self.command("dehyst.setpoint", sequence=self.sequence, value=value, unit=self.unit)
 
     def play(self, offsets_ns, values):
-        """Send a short trajectory in one chunk."""
+        """Send a short trajectory in one chunk; return its number."""
+        number = random.getrandbits(62) | 1
         points = {"offset_ns": little("q", offsets_ns), "value": little("d", values)}
         self.command(
-            "dehyst.trajectory", trajectory=random.getrandbits(62) | 1, index=0, unit=self.unit,
-            last=True, **points,
-        )  # fmt: skip
+            "dehyst.trajectory", trajectory=number, index=0, unit=self.unit, last=True, **points
+        )
+        return number
+
+    def has_played(self, number):
+        """Whether this trajectory has ended: at its last point, or because something stopped it."""
+        status = self.ask("status")  # up to a second old
+        ended = status["trajectory_done"] or status["state"] != "running"
+        return status["trajectory"] == number and ended
 
     def stop(self):
         self.command("dehyst.request", action="stop")
@@ -108,8 +115,9 @@ def main():
         time.sleep(1.0)
         step_ns = max(status["period_ns"], 5_000_000)
         offsets = range(0, 2_000_000_000, step_ns)
-        stage.play(offsets, [middle + half * math.sin(2e-9 * math.pi * ns) for ns in offsets])
-        while stage.ask("status")["state"] != "holding":
+        values = [middle + half * math.sin(2e-9 * math.pi * ns) for ns in offsets]
+        number = stage.play(offsets, values)
+        while not stage.has_played(number):
             stage.command("dehyst.request", action="renew")
             time.sleep(0.2)
         stage.stop()

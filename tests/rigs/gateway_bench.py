@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -27,6 +28,10 @@ from dehyst.daemon.rings.ring import Ring
 from dehyst.models.errors import BadInput
 
 ROOT = Path(__file__).resolve().parents[2]
+T = TypeVar("T")
+STANDSTILL_S = 0.5
+"""A process that stood still for longer may have missed a deadline of the bus: set-points expire
+after 1 s, leases after 1.5 s."""
 
 
 def free_port() -> int:
@@ -91,6 +96,87 @@ class Core:
         if self.process.poll() is None:
             self.process.send_signal(number)
         self.process.wait(20.0)
+
+
+def longest_pause_s(samples: np.ndarray) -> float:
+    """Return the longest time between two wake-ups of the loop [s], by its own record."""
+    return float(np.diff(samples["actual_ns"]).max(initial=0)) * 1e-9
+
+
+def skipped(samples: np.ndarray, rate_hz: float = 200.0) -> int:
+    """Return how many points of its grid the loop skipped because it was late."""
+    periods = np.rint(np.diff(samples["scheduled_ns"]) * 1e-9 * rate_hz).astype(int)
+    return int((periods - 1).sum())
+
+
+def may_lack(samples: np.ndarray) -> int:
+    """Return how many samples of a trajectory may be missing: the loop holds the last target for
+    1 s (200 samples) and makes up for skipped points then, but not for more of them."""
+    return max(0, skipped(samples) - 100)
+
+
+@contextmanager
+def noted_pauses() -> Iterator[list[float]]:
+    """Yield a list to which a thread adds every 10 ms how long it has waited [s]: whatever holds up
+    this process is in it."""
+    over, pauses = threading.Event(), [0.0]
+
+    def note() -> None:
+        before, ended = time.monotonic(), False
+        while not ended:
+            ended = over.wait(0.01)
+            now = time.monotonic()
+            pauses.append(now - before)
+            before = now
+
+    thread = threading.Thread(target=note)
+    thread.start()
+    try:
+        yield pauses
+    finally:
+        over.set()
+        thread.join()
+
+
+def undisturbed(
+    loop: Core, act: Callable[[], T], longest_s: float = STANDSTILL_S
+) -> tuple[T, np.ndarray]:
+    """Return the value of `act` and the loop's samples meanwhile, from the first of three attempts
+    in which neither this process stood still nor the loop for longer than longest_s; if there is
+    none, the test is skipped."""
+    for _ in range(3):
+        first = loop.seq
+        with noted_pauses() as pauses:
+            value = act()
+        samples = loop.samples(first)
+        own_s, pause_s = max(pauses), longest_pause_s(samples)
+        if own_s <= STANDSTILL_S and pause_s <= longest_s:
+            return value, samples
+    pytest.skip(
+        f"nothing can be judged: in the last of three attempts the loop stood still for "
+        f"{pause_s:.2g} s and the test for {own_s:.2g} s"
+    )
+
+
+def kept_targets(loop: Core, place: float, count: int) -> np.ndarray:
+    """Return the targets of the next `count` samples. If they change while the loop stands still,
+    the set-point may have gone stale: the next interval counts, once the target is `place` again;
+    after three of them the test is skipped."""
+    since = max(loop.seq - 200, 0)
+    for _ in range(3):
+        begun = loop.seq
+        wait_until(f"{count} samples pass", lambda end=begun + count: loop.seq > end)
+        samples = loop.samples(since)
+        targets, pause_s = samples["target"][samples["seq"] >= begun], longest_pause_s(samples)
+        if np.ptp(targets) == 0.0 or pause_s <= STANDSTILL_S:
+            return targets
+        back = lambda: abs(loop.samples(loop.seq - 1)[-1]["target"] - place) < 1e-6  # noqa: E731
+        wait_until("the target is back", back)
+        since = loop.seq
+    pytest.skip(
+        f"nothing can be judged: in each of three attempts the loop stood still, at last for "
+        f"{pause_s:.2g} s"
+    )
 
 
 def environment() -> dict[str, str]:

@@ -19,7 +19,9 @@ pytestmark = pytest.mark.processes
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    with started_bench(tmp_path_factory.mktemp("bench")) as bench:
+    # the plain client sleeps for a second between two commands
+    long = {"lease_s = 1.5": "lease_s = 10.0"}
+    with started_bench(tmp_path_factory.mktemp("bench"), **long) as bench:
         yield bench
 
 

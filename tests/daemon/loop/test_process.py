@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.rigs.gateway_bench import STANDSTILL_S, longest_pause_s, skipped
 from tests.rigs.output import check_range, check_speed, during
 from tests.rigs.processes import SLEW, EmulatedBench, Rings, core, dehyst, simulated_config, until
 from tests.rigs.stage_model import kept_model
@@ -57,8 +58,7 @@ def test_one_kilohertz_on_the_simulated_stage(tmp_path: Path, model: Path, engin
     with core(simulated_config(tmp_path, 1000.0, model, engine)):
         rings = Rings(tmp_path)
         until(lambda: rings.read("telemetry").size > 500)
-        rings.command(LoopCommand.SETPOINT, 9.0)
-        until(lambda: rings.read("telemetry").size > 2500)
+        begun = follow_nine(rings)
         said = rings.last("status")["samples"]
         until(lambda: rings.last("status")["samples"] > said, 5.0, "a status")
         status, records = rings.last("status"), rings.read("telemetry")
@@ -66,8 +66,23 @@ def test_one_kilohertz_on_the_simulated_stage(tmp_path: Path, model: Path, engin
     own = own_misses(status)
     assert own <= 0.02 * status["samples"], f"{own} missed by the loop: {status['missed_by']}"
     followed = np.flatnonzero(records["target"] == 9.0)
-    assert followed.size > 700  # a set-point holds for a second; some samples may be missed
+    # a set-point holds for a second; some samples may be missed
+    late = skipped(records[records["seq"] >= begun], 1000.0)
+    assert np.count_nonzero(records["seq"][followed] >= begun) > 700 - late
     check_reached(records, followed, model, float(status["origin"]))
+
+
+def follow_nine(rings: Rings) -> int:
+    """Send the set-point 9 and wait for two seconds; again, up to three times, where the loop stood
+    still for most of the second for which a set-point holds. Return the first sample's number."""
+    for _ in range(3):
+        begun = int(rings.last()["seq"])
+        rings.command(LoopCommand.SETPOINT, 9.0)
+        until(lambda first=begun: rings.last()["seq"] > first + 2000)
+        records = rings.read("telemetry")
+        if longest_pause_s(records[records["seq"] >= begun]) <= STANDSTILL_S:
+            return begun
+    pytest.skip("nothing can be judged: the loop stood still in each of three attempts")
 
 
 def check_grid(records: np.ndarray, status: np.void) -> None:
@@ -233,6 +248,14 @@ def test_a_trimmed_stage_stands_where_the_gauge_says(
         for _ in range(12):
             rings.command(LoopCommand.SETPOINT, 9.0)
             time.sleep(0.5)
+
+        def undisturbed(_: np.void) -> bool:
+            """Return whether the trim goes on, and the loop has not stood still for two seconds."""
+            status, records = rings.last("status"), rings.read("telemetry")
+            goes_on = (status["trimmed"], status["trim_frozen"]) == (1, 0)
+            return goes_on and longest_pause_s(records[-2000:]) <= STANDSTILL_S
+
+        rings.drive(9.0, undisturbed)
         status, records = rings.last("status"), rings.read("telemetry")
     newest = records[records["target"] == 9.0][-1000:]
     noise = StageSettings().sensor_noise_um

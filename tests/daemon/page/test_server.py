@@ -10,7 +10,7 @@ import httpx
 import numpy as np
 import pytest
 from tests.rigs.axes_bench import AxesBench
-from tests.rigs.gateway_bench import Bench, started_bench, wait_until
+from tests.rigs.gateway_bench import Bench, renewed, started_bench, wait_until
 from tests.rigs.page import Browser, PageProcess
 from tests.rigs.stage_model import kept_model
 from websockets.exceptions import InvalidStatus
@@ -162,8 +162,11 @@ def test_who_commands_already_is_named_and_can_be_taken_over_from(
 ) -> None:
     browser, other = looking(shared_page), shared.client("the other one")
     other.send(3.0)
-    browser.ask("go", value=6.0, seconds=5.0)
-    browser.until("refused", lambda: any("the other one commands" in t for t in browser.texts()))
+    with renewed(other):
+        browser.ask("go", value=6.0, seconds=5.0)
+        browser.until(
+            "refused", lambda: any("the other one commands" in t for t in browser.texts())
+        )
     browser.ask("go", value=6.0, seconds=5.0, take_over=True)
     wait_until("the stage is there", lambda: followed(shared, 6.0))
     browser.close()

@@ -60,7 +60,8 @@ def served(bench: Bench, folder: Path, *given: str) -> Iterator[PageProcess]:
 def client(page: PageProcess, source: str) -> httpx.Client:
     """Return an HTTP client that connects from this source address."""
     transport = httpx.HTTPTransport(local_address=source)
-    return httpx.Client(base_url=page.url, transport=transport, headers={"origin": page.url})
+    headers = {"origin": page.url}
+    return httpx.Client(base_url=page.url, transport=transport, headers=headers, timeout=30.0)
 
 
 def basic(name: str, password: str) -> dict[str, str]:
@@ -215,7 +216,7 @@ def test_silent_connections_before_tls_cost_nobody_anything(bench: Bench, tmp_pa
                 for _ in range(500)
             ]
             assert [page.http.get("/me").status_code for _ in range(5)] == [200] * 5
-            with httpx.Client(base_url=page.url, verify=False) as afresh:
+            with httpx.Client(base_url=page.url, verify=False, timeout=30.0) as afresh:
                 assert afresh.get("/me").status_code == 200
             until(lambda: not any(map(is_open, many)), 2 * HEAD_S + 10.0, "all are ended")
     finally:
