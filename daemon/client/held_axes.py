@@ -25,7 +25,7 @@ from dehyst.daemon import clock
 from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.group import Group
 from dehyst.daemon.client.player import PATIENCE_S
-from dehyst.daemon.client.positioner import POLL_S, REPEATS, SHARE, Stopped, Stops
+from dehyst.daemon.client.positioner import IN_PASSING, POLL_S, REPEATS, SHARE, Stopped, Stops
 from dehyst.daemon.client.readings import AxisView, AxisViews
 from dehyst.daemon.client.telemetry import TelemetryStream
 from dehyst.daemon.closing import Closing
@@ -191,13 +191,13 @@ class HeldAxes(Closing):
             if clock.monotonic_ns() - self._asked_ns > STATUS_S * clock.NS:
                 self._ask(group)
             self._silent_since_ns = 0
-        except BusError as error:  # the gateway may be restarting
+        except DehystError as error:
+            # the gateway may be restarting; else another client commands
+            passing = isinstance(error, BusError) or getattr(error, "code", "") in IN_PASSING
             now_ns = clock.monotonic_ns()
             self._silent_since_ns = self._silent_since_ns or now_ns
-            if now_ns - self._silent_since_ns > PATIENCE_S * clock.NS:
+            if not passing or now_ns - self._silent_since_ns > PATIENCE_S * clock.NS:
                 self._lose(str(error))
-        except DehystError as error:  # another client commands
-            self._lose(str(error))
         self._listen(POLL_S)
         return True
 

@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dehyst.daemon import clock
-from dehyst.daemon.client.client import Client
+from dehyst.daemon.client.client import Client, Refusal
+from dehyst.daemon.client.player import PATIENCE_S
 from dehyst.daemon.client.readings import Flight, Reading, mean_of, model_place
 from dehyst.daemon.client.telemetry import NOTHING, TelemetryStream
 from dehyst.daemon.client.tracking import Tracking
@@ -35,6 +36,8 @@ from dehyst.models.errors import BadInput, DehystError, NotNow
 
 log = logging.getLogger(__name__)
 POLL_S = 0.02
+IN_PASSING = ("late", "flood")
+"""Refusals of one message, not of what it asks for: a computer that stands still sends it late."""
 REPEATS = 4  # set-points sent within the time in which one expires
 WORDS = {
     "model": "according to the model",
@@ -121,7 +124,7 @@ class Positioner(Closing):
         self._going: _Going | None = None
         self._collecting: list[_Collecting] = []
         self._held: float | None = None
-        self._repeat_ns = 0
+        self._repeat_ns = self._refused_ns = 0
         self._wall_offset_ns = 0
         self._stops = Stops()
         ready: Future[tuple[str, str, tuple[float, float], float, float]] = Future()
@@ -239,11 +242,19 @@ class Positioner(Closing):
         return True
 
     def _stay(self, client: Client) -> None:
-        """Repeat the set-point before it expires."""
+        """Repeat the set-point before it expires; send it again if it was late or one too many."""
         now_ns = clock.monotonic_ns()
-        if self._held is not None and now_ns >= self._repeat_ns:
+        if self._held is None or now_ns < self._repeat_ns:
+            return
+        try:
             client.send(self._held)
-            self._repeat_ns = now_ns + round(self._stale_s / REPEATS * clock.NS)
+        except Refusal as error:
+            self._refused_ns = self._refused_ns or now_ns
+            if error.code not in IN_PASSING or now_ns - self._refused_ns > PATIENCE_S * clock.NS:
+                raise
+            return
+        self._refused_ns = 0
+        self._repeat_ns = now_ns + round(self._stale_s / REPEATS * clock.NS)
 
     def _begin_going(self, client: Client, value: float, future: "Future[Reading]") -> None:
         self._leave("another position was requested")

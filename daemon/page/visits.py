@@ -138,9 +138,9 @@ class Visit:
         )
         if frame:
             await self._send(frame)
-        events = [said for number, said in list(watch.events) if number > self._event]
-        if events:
-            self._event = watch.events[-1][0]
+        newer = [one for one in list(watch.events) if one[0] > self._event]  # it may grow meanwhile
+        if newer:
+            self._event, events = newer[-1][0], [said for _, said in newer]
             await self._send(wire.encode_view("events", name=watch.name, events=events))
         if number % STATUS_TICKS == 0:
             await self._send(share((watch, "status"), lambda: wire.describe_status(watch)))

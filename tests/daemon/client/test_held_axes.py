@@ -9,9 +9,10 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from tests.rigs.gateway_bench import Bench, started_bench, wait_until
+from tests.rigs.gateway_bench import Bench, kept_targets, started_bench, wait_until
 
 from dehyst.daemon.client import held_axes
+from dehyst.daemon.client.client import Refusal
 from dehyst.daemon.client.group import Group
 from dehyst.daemon.client.held_axes import HeldAxes
 from dehyst.daemon.rings.records import State
@@ -149,3 +150,21 @@ def test_a_stop_that_is_not_answered_gives_the_axis_up(rig: Bench, held: HeldAxe
     begun = rig.loop.seq
     wait_until("a second passes", lambda: rig.loop.seq > begun + 200)
     assert np.isnan(target(rig))
+
+
+def test_a_repetition_that_was_late_is_sent_again(
+    rig: Bench, held: HeldAxes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    axis, send, refused = axis_of(held), Group.send, list[object]()
+    held.go({axis: 6.0})
+    wait_until("it is there", lambda: held.look()[axis].on_target)
+
+    def refusing(group: Group, values: dict[str, float], **more: bool) -> None:
+        if len(refused) < 3:
+            refused.append(values)
+            raise Refusal("late", "made up")
+        send(group, values, **more)
+
+    monkeypatch.setattr(Group, "send", refusing)
+    wait_until("it was refused three times", lambda: len(refused) == 3)
+    assert (kept_targets(rig.loop, 6.0, 500) == 6.0).all()

@@ -65,6 +65,31 @@ def test_it_is_there_when_it_says_so_and_stays(rig: Bench, stage: Positioner) ->
     assert (kept_targets(rig.loop, 6.0, 600) == 6.0).all()
 
 
+def refuse(monkeypatch: pytest.MonkeyPatch, times: int, code: str) -> list[float]:
+    """Let the daemon seem to refuse the next set-points; return those that were not sent."""
+    send, refused = Client.send, list[float]()
+
+    def refusing(client: Client, value: float, **more: bool) -> None:
+        if len(refused) < times:
+            refused.append(value)
+            raise Refusal(code, "made up")
+        send(client, value, **more)
+
+    monkeypatch.setattr(Client, "send", refusing)
+    return refused
+
+
+@pytest.mark.parametrize("code", ["late", "flood"])
+def test_a_repetition_that_was_late_is_sent_again(
+    rig: Bench, stage: Positioner, monkeypatch: pytest.MonkeyPatch, code: str
+) -> None:
+    stage.go(6.0).result(30)
+    refused = refuse(monkeypatch, 3, code)
+    wait_until("it was refused three times", lambda: len(refused) == 3)
+    assert (kept_targets(rig.loop, 6.0, 500) == 6.0).all()
+    assert refused == [6.0, 6.0, 6.0]
+
+
 def test_it_says_how_it_knows_and_that_the_gauge_disagrees(
     rig: Bench, stage: Positioner, caplog: pytest.LogCaptureFixture
 ) -> None:
