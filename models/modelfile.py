@@ -21,6 +21,9 @@ MOST_NUMBERS, MOST_BLOCKS = 1000, 64
 """Limits per list and per model: more than any identification finds, few enough for a loop."""
 UNIT_NAMES = ("v", "um", "nm", "counts", "mrad", "urad")
 SHIPPED = ("paper-eq11", "paper-eq12")
+LEFT_OUT = ("", "0.1.0", "0.2.0")
+"""Versions, "" if none is stated, whose models lack `slopes_s_per_v` if all slopes are 0, and
+`drive_offset_v` if it is 0. Such a model is read and written as it is, so that its digest stays."""
 
 
 class _Table:
@@ -113,25 +116,29 @@ def loads(text: str) -> Model:
         raise BadModel(f"format: this dehyst reads format {FORMAT}, the file says {version:g}")
     drive = top.get("drive_unit", _one_of(*UNIT_NAMES))
     disp = top.get("displacement_unit", _one_of(*UNIT_NAMES))
+    provenance = _provenance(_Table(top.get("provenance", _any, {}), "provenance"))
+    whole = provenance.version not in LEFT_OUT
     model = Model(
-        hysteresis=_hysteresis(_Table(top.get("hysteresis", _any), "hysteresis"), drive, disp),
+        hysteresis=_hysteresis(
+            _Table(top.get("hysteresis", _any), "hysteresis"), drive, disp, whole
+        ),
         validity=_validity(_Table(top.get("validity", _any), "validity"), drive),
         drive_unit=drive,
         displacement_unit=disp,
         blocks=_blocks(top.get("blocks", _any, []), drive, disp),
         fit=_fit(_Table(top.get("fit", _any, {}), "fit"), disp),
-        provenance=_provenance(_Table(top.get("provenance", _any, {}), "provenance")),
+        provenance=provenance,
     )
     top.done()
     return model
 
 
-def _hysteresis(table: _Table, drive: str, disp: str) -> Hysteresis:
+def _hysteresis(table: _Table, drive: str, disp: str, whole: bool) -> Hysteresis:
     r = table.get(f"thresholds_{drive}", _numbers)
     b = table.get("weights", _numbers)
-    k = table.get(f"slopes_s_per_{drive}", _numbers, [])
+    k = table.get(f"slopes_s_per_{drive}", _numbers, ... if whole else [])
     c = table.get(f"saturation_{disp}", _numbers)
-    offset = table.get(f"drive_offset_{drive}", _number, 0.0)
+    offset = table.get(f"drive_offset_{drive}", _number, ... if whole else 0.0)
     table.done()
     try:
         return Hysteresis(r=r, b=b, k=k, c=c, u_offset=offset)
@@ -219,9 +226,10 @@ def dumps(model: Model) -> str:
         "weights": h.b.tolist(),
         f"saturation_{disp}": h.c.tolist(),
     }
-    if not h.static:
+    whole = p.version not in LEFT_OUT
+    if whole or not h.static:
         hysteresis[f"slopes_s_per_{drive}"] = h.k.tolist()
-    if h.u_offset:
+    if whole or h.u_offset:
         hysteresis[f"drive_offset_{drive}"] = h.u_offset
     validity = {
         f"drive_min_{drive}": v.drive_min,

@@ -51,8 +51,10 @@ def package(root: Path, own: Path, dist: Path) -> Path:
     notes = root / "DEBIAN"
     notes.mkdir()
     home = PROJECT.get("urls", {}).get("Homepage")
+    # a tilde sorts before nothing: 0.3.0~dev0 is older than 0.3.0
     control = CONTROL.format(
-        version=VERSION, architecture=architecture, python=version, kilobytes=kilobytes,
+        version=VERSION.replace(".dev", "~dev"), architecture=architecture, python=version,
+        kilobytes=kilobytes,
         homepage=f"Homepage: {home}\n" if home else "", summary=PROJECT["description"],
         maintainer=maintainer(PROJECT),
     )  # fmt: skip

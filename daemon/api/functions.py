@@ -15,6 +15,7 @@ from dehyst.daemon.api.inputs import take_model, take_recordings, take_trajector
 from dehyst.daemon.api.prediction import misfit, predict
 from dehyst.daemon.api.results import Diagnosed, Drive, Identified, Simulated, Validated
 from dehyst.daemon.api.trajectories import channels_along, spaced_evenly, target_in_unit
+from dehyst.daemon.files.axis_columns import LENGTHS
 from dehyst.daemon.files.foreign.reading import ReadOptions, parse_columns
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.models import diagnosis
@@ -25,7 +26,7 @@ from dehyst.models.identify.validation import validate as run_validation
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import invert_streamed, invert_trajectory
 from dehyst.models.model import Model
-from dehyst.models.recording import Recording
+from dehyst.models.recording import AXIS_CHANNEL, Recording
 
 UNITS = ("v", "um")
 FREE_SLEW, WINDOW_S = 1e12, 0.1
@@ -103,6 +104,7 @@ def simulate(model: Any, *data: Any, units: tuple[str, str] | None = None) -> Si
     model = take_model(model)
     units = units or (model.drive_unit, model.displacement_unit)
     (recording,) = take_recordings(data, units, need_displacement=False)
+    recording = _in_unit_of(model, recording)
     y, start = predict(model, recording)
     return Simulated(y, start, model, recording, misfit(model, recording, y))
 
@@ -184,11 +186,29 @@ def validate(models: Any, *data: Any, units: tuple[str, str] = UNITS) -> Validat
     """
     many = [models] if not _is_many(models) else list(models)
     recordings = take_recordings(data, units, need_displacement=True)
-    pairs = [(_name(m), take_model(m), one) for m in many for one in recordings]
+    taken = [(_name(m), take_model(m)) for m in many]
+    pairs = [(name, m, _in_unit_of(m, one)) for name, m in taken for one in recordings]
     return Validated(
         tuple(name for name, _, _ in pairs),
         tuple(one for _, _, one in pairs),
         tuple(run_validation(m, one) for _, m, one in pairs),
+    )
+
+
+def _in_unit_of(model: Model, one: Recording) -> Recording:
+    """Return a recording with its lengths in the model's unit, which its name then states."""
+    unit, wanted = one.displacement_unit, model.displacement_unit
+    if unit == wanted or one.displacement is None or not {unit, wanted} <= LENGTHS.keys():
+        return one
+    factor = LENGTHS[unit] / LENGTHS[wanted]
+    axes = {key: AXIS_CHANNEL.fullmatch(key) for key in one.channels}
+    others = {k: one.channels[k] * factor for k, axis in axes.items() if axis and not axis[2]}
+    return replace(
+        one,
+        displacement=one.displacement * factor,
+        displacement_unit=wanted,
+        channels={**one.channels, **others},
+        name=f"{one.name} ({unit}, as {wanted})",
     )
 
 

@@ -52,13 +52,18 @@ SAME = 0.02
 
 class Misfit(NamedTuple):
     """Measured minus model: rms over all rows that have both, and the number of these rows; then
-    the same for rows from `from_s` on (see `settled_row`), NaN and 0 if there are none."""
+    the same for rows from `from_s` on (see `settled_row`), NaN and 0 if there are none. offset:
+    mean over all rows, such as another zero of the gauge; rms_without_offset,
+    rms_settled_without_offset: about the mean of the same rows, as in diagnosis.json."""
 
     rms: float
     rows: int
     from_s: float
     rms_settled: float
     rows_settled: int
+    offset: float
+    rms_without_offset: float
+    rms_settled_without_offset: float
 
 
 def misfit(model: Model, recording: Recording, y: Floats) -> Misfit | None:
@@ -78,6 +83,9 @@ def misfit(model: Model, recording: Recording, y: Floats) -> Misfit | None:
         float(recording.t_s[first]) if first < recording.size else float("nan"),
         float(np.sqrt(np.mean(error[late] ** 2))) if late.any() else float("nan"),
         int(np.count_nonzero(late)),
+        float(np.mean(error[known])),
+        float(np.std(error[known])),
+        float(np.std(error[late])) if late.any() else float("nan"),
     )
 
 
@@ -98,6 +106,11 @@ def settled_row(model: Model, recording: Recording) -> int:
 def describe_misfit(error: Misfit, unit: str) -> str:
     """Return the error as text, with the rows over which it was computed."""
     whole = f"{error.rms:.4g} {unit} rms over all {error.rows} rows"
+    if error.rms_without_offset < (1.0 - SAME) * error.rms:
+        whole += (
+            f" ({error.rms_without_offset:.4g} {unit} without its mean of {error.offset:.4g} "
+            f"{unit}, which may be another zero of the gauge)"
+        )
     if not error.rows_settled:
         return f"{whole}; all of them depend on the unknown earlier state of the stage"
     if abs(error.rms_settled - error.rms) < SAME * error.rms:

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from dehyst.daemon.files.foreign.reading import add_reading, reading_of
-from dehyst.daemon.files.given_recordings import say_read
+from dehyst.daemon.files.given_recordings import say_defects, say_read
 from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
 from dehyst.daemon.files.recordings import SUFFIXES, WRITTEN, read_parts, write_recording
 
@@ -45,6 +45,7 @@ def run(args: argparse.Namespace) -> int:
         t_s = columns["t_s"]
         others = {name: values for name, values in columns.items() if name != "t_s"}
         write_recording(output, t_s, others, notes)
+        say_defects(output.name if len(parts) > 1 else args.input.name, columns)
         names = ["t_s", *others]
         written.append({"output": str(output), "rows": int(t_s.size), "columns": names})
         if not args.json:

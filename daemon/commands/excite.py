@@ -1,11 +1,11 @@
 """design the drive for a recording, or check that a recording excites enough"""
 
 import argparse
-import json
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.config import load_config
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_given
@@ -137,7 +137,7 @@ def _design(args: argparse.Namespace) -> int:
     ]
     if args.json:
         print(
-            json.dumps(
+            json_text(
                 {
                     "output": str(args.output),
                     "sines": sines,
@@ -176,7 +176,7 @@ def _check(args: argparse.Namespace) -> int:
     missing = [*covered.missing, *covered.missing_rate]
     defects = [text for one in recordings if (text := one.defects())]
     if args.json:
-        print(json.dumps({**_facts(covered), "defects": defects}, indent=2))
+        print(json_text({**_facts(covered), "defects": defects}, indent=2))
         return 1 if missing else 0
     low, high = covered.drive_edges[0], covered.drive_edges[-1]
     print(
@@ -248,7 +248,7 @@ def _separate(args: argparse.Namespace) -> int:
     notes["waveform"] = experiment.chosen.waveform.name
     write_recording(args.output, experiment.t_s, {f"u_{unit}": experiment.drive}, notes)
     if args.json:
-        print(json.dumps(_separation_facts(args, experiment, model), indent=2, allow_nan=False))
+        print(json_text(_separation_facts(args, experiment, model), indent=2))
         return 0
     print(experiment.says)
     print(

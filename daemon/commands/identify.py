@@ -1,7 +1,6 @@
 """identify a model from a recording"""
 
 import argparse
-import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +10,7 @@ from rich.console import Console
 from dehyst.daemon import clock
 from dehyst.daemon.api.functions import identify
 from dehyst.daemon.api.identification_summary import describe_result, summary
+from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_given
 from dehyst.daemon.files.outputs import add_force, check_outputs
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
             report = found.report(args.report / "report.html", args.output.name)
     result, covered = found.details, found.coverage
     if args.json:
-        print(json.dumps(summary(result, covered, args.output, seconds, report), indent=2))
+        print(json_text(summary(result, covered, args.output, seconds, report), indent=2))
     else:
         print(describe_result(result, covered, args.output, report))
     return 0

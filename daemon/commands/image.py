@@ -1,10 +1,10 @@
 """a virtual microscope images a grid: raw, compensated, learned"""
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
+from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.api.results import write_page
 from dehyst.daemon.files.outputs import check_outputs, whole_file
 from dehyst.daemon.imaging.experiment import COMPENSATED_LEAST, LEARNED_LEAST, LINES, image
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     check_outputs([args.output / name for name in FILES], [], force=True)
     with progress_bar("three pictures of a grid") as progress:
         imaged = image(progress, args.lines)
-    text = json.dumps(pictures_to_json(imaged), indent=2)
+    text = json_text(pictures_to_json(imaged), indent=2)
     write_page(args.output / JSON, text + "\n")
     with whole_file(args.output / PNG) as file:
         file.write(draw_pictures(imaged))

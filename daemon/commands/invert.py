@@ -1,7 +1,6 @@
 """invert a model along a trajectory: displacements in, drive out"""
 
 import argparse
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.api.functions import invert
+from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.api.results import Drive
 from dehyst.daemon.files.foreign.reading import add_reading, reading_of
 from dehyst.daemon.files.given_recordings import say_read
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     notes = {"model": str(args.model), "trajectory": args.trajectory.name}
     made.save(args.output, force=args.force, notes=notes)
     if args.json:
-        print(json.dumps(_summary(made)))
+        print(json_text(_summary(made)))
     else:
         _report(args.output, made)
     return 1 if np.any(made.result.flags & UNREACHABLE) else 0
@@ -91,7 +91,7 @@ def _summary(made: Drive) -> dict[str, Any]:
     return {
         "mode": made.mode,
         "reason": made.reason,
-        "rms": made.rms if math.isfinite(made.rms) else None,
+        "rms": made.rms,
         "unit": made.model.displacement_unit,
         "latency_s": made.latency_s,
         "monotone_price": made.monotone_price,

@@ -1,12 +1,12 @@
 """test whether this machine meets the loop's deadlines"""
 
 import argparse
-import json
 import sys
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.config import Config, load_config
 from dehyst.daemon.latency import machine
 from dehyst.daemon.latency.latency import Setup, measure, time_devices
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     found = machine.facts(setup.cpu)
     hints = machine.advice(found, outcome.obtained, setup.cpu, setup.priority, setup.rate_hz)
     if args.json:
-        print(json.dumps(latency_figures(outcome, found, hints), indent=2))
+        print(json_text(latency_figures(outcome, found, hints), indent=2))
     else:
         print("\n".join(describe_latency(outcome, found, hints, sys.stdout.isatty())))
     return 0 if outcome.held else 1

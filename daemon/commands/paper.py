@@ -1,9 +1,9 @@
 """repeat the source paper's experiments, errors and figures next to the paper's"""
 
 import argparse
-import json
 from pathlib import Path
 
+from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.api.results import write_page
 from dehyst.daemon.files.outputs import check_outputs, whole_file
 from dehyst.daemon.paper.experiments import NOISE_NM, run_experiments
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     check_outputs([args.output / "paper.html", args.output / "paper.json"], [], force=True)
     with progress_bar("experiments of the paper") as progress:
         results = run_experiments(progress, args.noise)
-    text = json.dumps([r.to_json() for r in results], indent=2)
+    text = json_text([r.to_json() for r in results], indent=2)
     write_page(args.output / "paper.html", page(results))
     write_page(args.output / "paper.json", text + "\n")
     for name, png in pictures(results).items():

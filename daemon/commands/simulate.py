@@ -1,10 +1,10 @@
 """run a model on a recording's drive"""
 
 import argparse
-import json
 from pathlib import Path
 
 from dehyst.daemon.api.functions import load_model, simulate
+from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_one_given
 from dehyst.daemon.files.outputs import add_force, check_outputs
@@ -20,7 +20,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "columns that the model reads are needed: t_s, the drive, and the channels of its blocks. "
         "Without a measured displacement the stage is assumed to be de-energised before the first "
         "row. With one, the start (de-energised, from above or from below) is the one that fits "
-        "best, and the error is also given for the rows that no longer depend on the start."
+        "best, and the error is also given for the rows that no longer depend on the start, and "
+        "without its mean, as in diagnosis.json: the gauge may have had another zero."
     )
     parser.epilog = "example: dehyst simulate stage.toml drive.csv -o predicted.csv"
     parser.add_argument("model", metavar="MODEL.toml", help="a file, or a shipped model by name")
@@ -49,8 +50,11 @@ def run(args: argparse.Namespace) -> int:
             "rms": found.rms,
             "rms_settled": settled and settled.rms_settled,
             "settled_from_s": settled and settled.from_s,
+            "offset": error and error.offset,
+            "rms_without_offset": error and error.rms_without_offset,
+            "rms_settled_without_offset": settled and settled.rms_settled_without_offset,
         }
-        print(json.dumps(said, indent=2))
+        print(json_text(said, indent=2))
         return 0
     print(f"{args.output}: {rows} rows, column y_model_{unit}")
     if found.band is not None:

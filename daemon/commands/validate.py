@@ -1,11 +1,11 @@
 """how well a model predicts recordings that it has not seen"""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.api.functions import validate
+from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_given
 from dehyst.daemon.files.outputs import add_force, check_outputs
@@ -20,7 +20,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "whether the residual is white and whether it follows the drive. A recording may begin "
         "anywhere in the stage's history; a new zero of the sensor is reported as an offset. Exit "
         "status 1: a model is worse than it claims (its error is more than "
-        f"{CLAIM:g} times its held-out error)."
+        f"{CLAIM:g} times its held-out error). Where this gauge is noisier than that of the "
+        "model's own recordings, the power of the additional noise is first subtracted from that "
+        "of the error."
     )
     parser.epilog = (
         "examples: dehyst validate stage.toml another-run.csv\n"
@@ -43,12 +45,12 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput("at least one model (.toml, or a shipped one) and one recording are needed")
     page = args.report / "validation.html" if args.report else None
     check_outputs([page], [*map(Path, models), *paths], args.force)
-    recordings = read_given(paths, args)
+    recordings = read_given(paths, args, defects=True)
     found = validate(models, recordings)
     if page is not None:
         found.report(page)
     if args.json:
-        print(json.dumps([_summary(name, v) for name, _, v in found.rows], indent=2))
+        print(json_text([_summary(name, v) for name, _, v in found.rows], indent=2))
     else:
         print(found)
         if page is not None:

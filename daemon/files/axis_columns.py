@@ -25,6 +25,11 @@ def axis_column(axis: str, unit: str, drive: bool = False) -> str:
     return f"axis_{axis}_drive_{unit}" if drive else f"axis_{axis}_{unit}"
 
 
+def is_axis_column(name: str) -> bool:
+    """Return whether a column belongs to another axis, by its name."""
+    return bool(_COLUMN.fullmatch(name) or _TARGET.fullmatch(name))
+
+
 def to_channels(
     columns: Mapping[str, Floats], displacement_unit: str, drive_unit: str = ""
 ) -> dict[str, Floats]:

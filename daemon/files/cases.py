@@ -25,7 +25,7 @@ import msgspec
 
 from dehyst.daemon.bus.messages import DoctorState, FoundEffect, LongText, Text
 from dehyst.daemon.files.models import write_text
-from dehyst.daemon.files.sidecar import notes_path
+from dehyst.daemon.files.outputs import notes_path
 from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.daemon.prepared import resolve_classes
 from dehyst.daemon.rings.run_folder import why_not_trusted

@@ -2,15 +2,18 @@
 
 import argparse
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from dehyst.daemon.files.foreign.reading import reading_of
 from dehyst.daemon.files.recordings import read_recording, read_recordings
 from dehyst.daemon.files.times import doubt_seconds
 from dehyst.daemon.printable import printable
-from dehyst.models.recording import Recording
+from dehyst.models.modelfile import UNIT_NAMES
+from dehyst.models.recording import Floats, Recording
 
 
 def read_given(
@@ -18,10 +21,12 @@ def read_given(
     args: argparse.Namespace,
     need_displacement: bool = True,
     doubt: bool = True,
+    defects: bool = False,
 ) -> list[Recording]:
     """Return the recordings in these files, with distinct names if two folders hold the same file
     name, and several of a file whose clock went back. args: with the options of add_reading; doubt:
-    report times that may be milliseconds. Raises BadInput."""
+    report times that may be milliseconds; defects: report missing values and gaps. Raises
+    BadInput."""
     reading = reading_of(args)
     out: list[Recording] = []
     for path in paths:
@@ -30,6 +35,7 @@ def read_given(
         if doubt and not (reading.time_unit or reading.rate_hz):
             say_read(_doubt(parts[0]))
         for one in parts:
+            say_read(one.defects() if defects else "")
             taken = any(one.name == other.name for other in out)
             out.append(replace(one, name=one.name.replace(path.name, str(path))) if taken else one)
     return out
@@ -38,9 +44,24 @@ def read_given(
 def read_one_given(path: Path, args: argparse.Namespace, min_rows: int = 1) -> Recording:
     """Return the only recording in a file; its displacement may be missing. Raises BadInput, also
     if its clock went back."""
-    recording = read_recording(path, min_rows=min_rows, reading=reading_of(args))
+    reading = reading_of(args)
+    recording = read_recording(path, min_rows=min_rows, reading=reading)
     say_read(recording.read)
+    if not (reading.time_unit or reading.rate_hz):
+        say_read(_doubt(recording))
+    say_read(recording.defects())
     return recording
+
+
+def say_defects(name: str, columns: Mapping[str, Floats]) -> None:
+    """Report the values of drive and displacement that are missing, and gaps in the times."""
+    t_s = columns["t_s"]
+    drive, displacement = (
+        next((columns[key] for unit in UNIT_NAMES if (key := f"{letter}_{unit}") in columns), None)
+        for letter in "uy"
+    )
+    shown = Recording(t_s, np.zeros(t_s.size) if drive is None else drive, displacement, name=name)
+    say_read(shown.defects())
 
 
 def _doubt(recording: Recording) -> str:

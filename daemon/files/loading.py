@@ -5,16 +5,18 @@ dehyst.daemon.files.foreign), and the interpretation is reported.
 """
 
 import gzip
+import re
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
 import numpy as np
 
+from dehyst.daemon.files.axis_columns import is_axis_column
 from dehyst.daemon.files.csv_table import (
     LARGEST,
     LONGEST_LINE,
@@ -27,7 +29,7 @@ from dehyst.daemon.files.foreign.arrays import found_in, of_one_length
 from dehyst.daemon.files.foreign.fields import number_of
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.reading import AS_IT_IS, ReadOptions
-from dehyst.daemon.files.foreign.roles import PLAIN, role_of
+from dehyst.daemon.files.foreign.roles import BY_UNIT, PLAIN, role_of
 from dehyst.daemon.files.foreign.text import read_text_table
 from dehyst.daemon.files.foreign.understand import understand
 from dehyst.daemon.files.mcap_file import read_mcap
@@ -113,13 +115,29 @@ def is_own(path: Path, wants: Sequence[str] = ("t",)) -> bool:
     if not lines:
         return True
     header = [cell.strip().strip('"') for cell in lines[0].split(",")]
-    found = {role for role, sure in (role_of(name, "") for name in header) if sure == PLAIN}
-    if not found.issuperset(wants) or not all(header) or "\r" in lines[0].rstrip("\r"):
+    if not _names_are_own(header, wants) or not all(header) or "\r" in lines[0].rstrip("\r"):
         return False
     if len(lines) < 2:
         return True
     fields = lines[1].partition("#")[0].split(",")
     return len(fields) == len(header) and all(number_of(field) is not None for field in fields)
+
+
+def _names_are_own(names: Iterable[str], wants: Sequence[str]) -> bool:
+    """Return whether the wanted columns have dehyst's own names, and no other column is the drive,
+    displacement or target that is not there under such a name."""
+    roles = {name: role_of(name, "") for name in names}
+    found = {role for role, sure in roles.values() if sure == PLAIN}
+    return found.issuperset(wants) and not any(
+        role and role not in found and not _is_channel(name, sure)
+        for name, (role, sure) in roles.items()
+    )
+
+
+def _is_channel(name: str, sure: int) -> bool:
+    """Return whether a recording may use this name for a further channel: `trim_um`, `u2_v`."""
+    plain = re.fullmatch(r"[a-z][a-z0-9_]*", name) is not None
+    return is_axis_column(name) or (plain and (sure == BY_UNIT or bool(re.search(r"\d", name))))
 
 
 def _first_lines(file: BinaryIO) -> list[str]:
@@ -141,7 +159,7 @@ def understand_columns(
     name: str, arrays: Mapping[str, Any], reading: ReadOptions, wants: Sequence[str]
 ) -> Loaded:
     """Interpret columns that are already in memory, by name."""
-    if "t_s" in arrays and not reading:
+    if not reading and _names_are_own(arrays, ("t",)):
         return Loaded(plain_columns(name, arrays), {})
     found = found_in(((key, "", _numbers(values)) for key, values in arrays.items()), {})
     return _understood(Path(name), found, reading, wants)
@@ -157,24 +175,33 @@ def _understood(path: Path, found: Sheet, reading: ReadOptions, wants: Sequence[
     found.said = [printable(text) for text in found.said]
     found = of_one_length(found, [str(v) for v in reading.columns.values()])
     _refuse_absurd(path.name, {c.heading: c.values for c in found.columns})
-    read = understand(path.name, found, reading, wants)
+    try:
+        read = understand(path.name, found, reading, wants)
+    except BadRecording as error:
+        left = [text for text in found.said if "left out" in text]
+        raise BadRecording("; ".join([str(error), *left])) from None
     return Loaded(read.columns, found.notes, read.said, read.seconds, found.where)
 
 
 def _load_npz(path: Path, reading: ReadOptions, wants: Sequence[str]) -> Loaded:
-    arrays = _read_npz(path)
+    arrays, left = _read_npz(path)
     notes = {k[1:]: str(v) for k, v in arrays.items() if k.startswith("#")}
     arrays = {k: v for k, v in arrays.items() if k[:1] != "#"}
     numbers = all(v.dtype.kind in "biuf" for v in arrays.values())
-    if not reading and "t_s" in arrays and numbers and len({v.size for v in arrays.values()}) == 1:
+    one_length = len({v.size for v in arrays.values()}) == 1
+    own = numbers and one_length and not left and _names_are_own(arrays, wants)
+    if own and not reading:
         return Loaded(plain_columns(path.name, arrays), notes)
     found = found_in(((key, "", values) for key, values in arrays.items()), notes)
+    if left:
+        found.said.append(f"with Python objects and left out: {', '.join(left[:5])}")
     return _understood(path, found, reading, wants)
 
 
 def _load_mcap(path: Path, reading: ReadOptions, unfinished: bool, wants: Sequence[str]) -> Loaded:
     columns, notes = read_mcap(path, unfinished)
-    if not reading and any(name[:2] in ("u_", "y_") or name[:7] == "target_" for name in columns):
+    known = any(name[:2] in ("u_", "y_") or name[:7] == "target_" for name in columns)
+    if known and not reading and _names_are_own(columns, ()):
         return Loaded(plain_columns(path.name, columns), notes)
     found = Sheet([Column(name, values) for name, values in columns.items()], notes)
     return _understood(path, found, reading, wants) if columns else Loaded({}, notes)
@@ -189,7 +216,8 @@ def _read_npy(path: Path) -> Sheet:
     return found_in([("", "", np.array(array))], {})
 
 
-def _read_npz(path: Path) -> dict[str, Any]:
+def _read_npz(path: Path) -> tuple[dict[str, Any], list[str]]:
+    """Return the arrays by name, and the names of those that hold Python objects."""
     if is_unfinished_npz(path):
         raise BadRecording(
             f"{path.name}: its writer did not finish (it was killed, or the disk was full); "
@@ -198,7 +226,7 @@ def _read_npz(path: Path) -> dict[str, Any]:
     if not zipfile.is_zipfile(path):
         raise BadRecording(f"{path.name}: not an .npz file")
 
-    def read() -> dict[str, Any]:
+    def read() -> tuple[dict[str, Any], list[str]]:
         with zipfile.ZipFile(path) as members:
             size = sum(member.file_size for member in members.infolist())
         if size > MOST_BYTES:
@@ -206,10 +234,21 @@ def _read_npz(path: Path) -> dict[str, Any]:
                 f"{path}: unpacks to {size >> 20} MB; at most {MOST_BYTES >> 20} MB "
                 "are read; cut it into several files"
             )
+        arrays, left = {}, []
         with np.load(path, allow_pickle=False) as data:
-            return {key: data[key] for key in data.files if isinstance(data[key], np.ndarray)}
+            for key in data.files:
+                try:
+                    array = data[key]
+                except ValueError as error:
+                    if "allow_pickle" not in str(error):
+                        raise
+                    left.append(key)
+                    continue
+                if isinstance(array, np.ndarray):
+                    arrays[key] = array
+        return arrays, left
 
-    return cast(dict[str, Any], _carefully(path, ".npz", read))
+    return cast(tuple[dict[str, Any], list[str]], _carefully(path, ".npz", read))
 
 
 def _carefully(path: Path, kind: str, read: Callable[[], Any]) -> Any:

@@ -16,7 +16,17 @@ from typing import BinaryIO
 from dehyst.drivers import system
 from dehyst.models.errors import BadInput
 
-RECORDINGS = (".csv", ".csv.gz", ".npz", ".mat", ".mcap")
+RECORDINGS = (
+    ".csv", ".csv.gz", ".txt", ".dat", ".tsv", ".lvm", ".npz", ".npy", ".mcap", ".mat", ".h5",
+    ".hdf5", ".xlsx", ".tdms", ".parquet",
+)  # fmt: skip
+"""All kinds that loading.SUFFIXES lists, which would import every reader."""
+WITH_NOTES = (".csv", ".csv.gz")
+
+
+def notes_path(path: Path) -> Path:
+    """Return the path of a recording's notes."""
+    return path.with_name(f"{path.name}.meta.json")
 
 
 def add_force(parser: argparse.ArgumentParser) -> None:
@@ -32,6 +42,7 @@ def check_outputs(
     """Raise BadInput if writing would destroy something. A path of None is an option that was not
     given."""
     read = [Path(path) for path in inputs if path]
+    read += [notes_path(path) for path in read]
     written: list[Path] = []
     for output in outputs:
         if not output:
@@ -43,8 +54,14 @@ def check_outputs(
         if any(_same(path, other) for other in written):
             raise BadInput(f"{path}: two outputs would go to this file; choose two names")
         check_place(path)
-        if not force and path.exists() and path.name.endswith(RECORDINGS):
+        kind, notes = path.name.lower(), notes_path(path)
+        if not force and path.exists() and kind.endswith(RECORDINGS):
             raise BadInput(f"{path}: exists already; choose another name, or --force replaces it")
+        if not force and notes.exists() and kind.endswith(WITH_NOTES):
+            raise BadInput(
+                f"{notes}: exists already, and the notes of {path.name} are written there; choose "
+                "another name, or --force replaces it"
+            )
         written.append(path)
 
 

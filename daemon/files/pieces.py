@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from dehyst.daemon.files.sidecar import notes_path
+from dehyst.daemon.files.outputs import notes_path
 from dehyst.models.errors import BadInput
 
 SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}

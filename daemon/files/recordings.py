@@ -32,6 +32,7 @@ from dehyst.models.modelfile import UNIT_NAMES
 from dehyst.models.recording import Floats, Recording, Trajectory
 
 WRITTEN = (".csv", ".csv.gz", ".npz", ".mcap")
+MEASURED_FIRST = sorted(UNIT_NAMES, key=lambda unit: unit in ("v", "counts"))
 READ = "read"
 """Key of the note that says how a file of another program was interpreted."""
 __all__ = ["SUFFIXES", "WRITTEN"]
@@ -115,7 +116,9 @@ def _recordings(
     disp = _unit_column(name, loaded, "y", "displacement", required=need_displacement)
     longest = max(times.parts, key=lambda part: part[1] - part[0])
     doubt_seconds(name, times.t_s[slice(*longest)], loaded.seconds or bool(reading.time_unit))
-    said = _say(name, loaded, times, "")
+    others = [f"y_{unit}" for unit in UNIT_NAMES if f"y_{unit}" in columns and f"y_{unit}" != disp]
+    which = f"displacement from {disp}, not from {' or '.join(others)}" if others else ""
+    said = _say(name, loaded, times, which)
     further = {k: v for k, v in columns.items() if k not in ("t_s", drive, disp)}
     channels = to_channels(further, disp[2:] if disp else "um", drive[2:])
     out = []
@@ -215,7 +218,8 @@ def read_parts(
     loaded = load_columns(path, reading, unfinished, wants=("t",))
     times = _time(path.name, loaded, 1)
     doubt = ""
-    if any(key.startswith("u_") for key in loaded.columns):
+    kinds = {key.partition("_")[0] for key in loaded.columns}
+    if "target" not in kinds or kinds & {"u", "y"}:  # a trajectory may be as slow as it likes
         longest = max(times.parts, key=lambda part: part[1] - part[0])
         known = loaded.seconds or bool(reading.time_unit)
         doubt = doubt_seconds(path.name, times.t_s[slice(*longest)], known)
@@ -302,10 +306,10 @@ def _time(name: str, loaded: Loaded, min_rows: int) -> Times:
 
 
 def _unit_column(name: str, loaded: Loaded, letter: str, what: str, required: bool) -> str:
-    """Return the name of the column of this kind. The first known unit wins, so u_v precedes
-    u_um."""
+    """Return the name of the column of this kind. The first known unit wins: u_v precedes u_um, but
+    y_um precedes y_v, the voltage of its sensor."""
     columns = loaded.columns
-    for unit in UNIT_NAMES:
+    for unit in UNIT_NAMES if letter == "u" else MEASURED_FIRST:
         if f"{letter}_{unit}" in columns:
             key = f"{letter}_{unit}"
             if np.any(np.isinf(columns[key])):

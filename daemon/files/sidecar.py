@@ -8,15 +8,10 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from dehyst.daemon.files.outputs import whole_file
+from dehyst.daemon.files.outputs import notes_path, whole_file
 from dehyst.models.errors import BadRecording
 
 MOST_BYTES = 1 << 20
-
-
-def notes_path(path: Path) -> Path:
-    """Return the path of a recording's notes."""
-    return path.with_name(f"{path.name}.meta.json")
 
 
 def write_notes(path: Path, notes: Mapping[str, str]) -> None:

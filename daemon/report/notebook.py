@@ -10,7 +10,7 @@ from dehyst.daemon.report import diagnosis_pictures, identification_pictures
 from dehyst.daemon.report.diagnosis import TITLES
 from dehyst.daemon.report.page import Page
 from dehyst.daemon.report.plotting import MEASURED, MODEL, add_legend, thin_rows
-from dehyst.daemon.report.validation import draw_left, draw_over_time
+from dehyst.daemon.report.validation import draw_left, draw_over_time, say_share
 from dehyst.daemon.report.verdict import verdict
 from dehyst.models.diagnosis import Diagnosis
 from dehyst.models.identify import Figures, Identification
@@ -77,13 +77,13 @@ def show_validation(rows: Sequence[tuple[str, Recording, Validation]]) -> str:
     """Show one row for each model and recording, and the pictures of the first."""
     out = Page("Validation")
     out.add_table(
-        ["model", "recording", "error rms", "of the span", "claimed", "offset", "residual"],
+        ["model", "recording", "error rms", "share", "claimed", "offset", "residual"],
         [
             [
                 name,
                 v.name,
                 _figure(v.rms, v.unit),
-                f"{v.share:.3%}",
+                say_share(v),
                 "nothing" if v.claim is None else _figure(v.claim, v.unit),
                 _figure(v.offset, v.unit),
                 "white" if v.white else "not white",

@@ -1,5 +1,6 @@
 """The validation report: models compared on recordings that were not used to fit them."""
 
+import math
 from collections.abc import Sequence
 from functools import partial
 
@@ -15,7 +16,7 @@ from dehyst.daemon.report.plotting import (
     limit_to,
     thin_rows,
 )
-from dehyst.models.identify.validation import Validation
+from dehyst.models.identify.validation import CLAIM, Validation
 from dehyst.models.recording import Recording
 
 
@@ -23,21 +24,27 @@ def say_validation(model: str, v: Validation) -> str:
     """State in one line how well a model predicts a recording, and add notes on rows outside its
     validity and on late samples."""
     claim = "no claim to compare" if v.claim is None else f"it claims {v.claim:.4g}"
+    noise = f"{v.noise:.4g}" if math.isfinite(v.noise) else "not known"
     verdict = "WORSE than it claims" if v.worse else "as good as it claims"
     text = (
-        f"{model} on {v.name}: {v.rms:.4g} {v.unit} rms, {v.share:.3%} of the span, {claim}"
+        f"{model} on {v.name}: {v.rms:.4g} {v.unit} rms, {say_share(v)}, {claim}"
         + (f": {verdict}" if v.claim is not None else "")
-        + f"; offset {v.offset:.4g}, noise {v.noise:.4g}; what is left is "
+        + f"; offset {v.offset:.4g}, noise {noise}; what is left is "
         + ("white" if v.white else "not white")
         + f", correlation with the drive {v.tied_to_drive:.2g} (chance {v.chance:.2g})"
-        + (f"; {v.within:.1%} of the rows within its 95 % band" if v.within is not None else "")
-        + (f", which is {v.interval_is}" if v.interval_is else "")
+        + say_within(v)
+        + (f"; this band is {v.interval_is}" if v.interval_is else "")
         + f"; start {v.start}"
     )
     if v.unstated >= 0.0005:
         text += (
             f"\nnote: {v.unstated:.1%} of the rows have no 95 % band: the drive leaves the model's "
             "validity or is slower than in its recordings; record such a drive"
+        )
+    if v.claim is not None and v.rms > CLAIM * v.claim and not v.worse:
+        text += (
+            f"\nnote: the gauge is noisier than that of the model's recordings: {v.noisier:.3g} "
+            f"{v.unit} rms of its noise are not counted as error"
         )
     if v.late:
         text += f"\nnote: {v.late} rows at late samples are not judged"
@@ -46,10 +53,34 @@ def say_validation(model: str, v: Validation) -> str:
     return text
 
 
+def say_within(v: Validation) -> str:
+    """Return the share of the rows that the 95 % band and the gauge's noise explain, "" if none."""
+    if v.within is None:
+        return ""
+    return f"; {v.within:.1%} of the rows within its 95 % band and the noise"
+
+
+def say_share(v: Validation) -> str:
+    """Return the error as a share of the span, or why there is none."""
+    if not math.isfinite(v.share):
+        return "no share of the span (the reading is constant)"
+    return f"{v.share:.3%} of the span"
+
+
+def say_judgement() -> str:
+    """State what makes a model worse than it claims, and how the gauge's noise enters."""
+    return (
+        f"A model is worse than it claims if its error is more than {CLAIM:g} times the claimed "
+        "one; where the gauge is noisier than that of the model's own recordings, the power of the "
+        "additional noise is first subtracted from that of the error."
+    )
+
+
 def report_validation(rows: Sequence[tuple[str, Recording, Validation]]) -> str:
     """Return the whole page as HTML text. rows: model name, recording, result."""
     out = Page("Validation")
     out.add_bullets([say_validation(model, result) for model, _, result in rows])
+    out.add_text(say_judgement())
     for model, recording, result in rows:
         out.add_heading(f"{model} on {recording.name}")
         out.add_pictures(

@@ -19,6 +19,7 @@ from dehyst.models.signals.pace import measure_pace
 from dehyst.models.signals.rounding import quantum
 
 LAGS = 40  # rows: longest lag of the residual's correlation with itself and the drive
+FEWEST = 12  # rows by which an error and its noise can be judged
 COVERED, ENOUGH = 0.9, 0.5  # share of the range covered before rows count; of rows left
 CLAIM = 1.5  # times the error that the model states: a larger error is worse than claimed
 NARROW, WIDE = 0.85, 0.99  # allowed share of the rows within a 95 % interval
@@ -36,16 +37,17 @@ class Validation:
     """Figures of a validation.
 
     name: of the recording; rms: of measured minus model, without its mean; offset: that mean; span:
-    of the displacement; noise: rms from row to row; claim: the error that the model states; start:
-    the history that fits; predicted: (N,); autocorrelation: (LAGS,) of the residual, from a lag of
-    one row; with_drive: (LAGS + 1,) correlation of the residual with the drive that many rows
-    before; chance: size of such a correlation by chance; outside: share of the rows beyond the
-    validity; unstated: share of the rows for which the 95 % interval does not apply, because they
-    are outside or slower than any recorded drive; within: share of the other rows, without the
-    offset, that the model's 95 % band and the noise explain, None if they are too few; late: number
-    of rows at late samples, which are not judged; noisier: rms of the recording's noise beyond that
-    in the claim, which is no error of the model; coarse: the reading is rounded to steps wider than
-    the band, so that no row shows whether the band is too wide.
+    of the displacement; noise: rms from row to row, NaN if too few neighbouring rows have a
+    reading; claim: the error that the model states; start: the history that fits; predicted: (N,);
+    autocorrelation: (LAGS,) of the residual, from a lag of one row; with_drive: (LAGS + 1,)
+    correlation of the residual with the drive that many rows before; chance: size of such a
+    correlation by chance; outside: share of the rows beyond the validity; unstated: share of the
+    rows for which the 95 % interval does not apply, because they are outside or slower than any
+    recorded drive; within: share of the other rows, without the offset, that the model's 95 % band
+    and the noise explain, None if they are too few or the noise is not known; late: number of rows
+    at late samples, which are not judged; noisier: rms of the recording's noise beyond that in the
+    claim, which is no error of the model; coarse: the reading is rounded to steps wider than the
+    band, so that no row shows whether the band is too wide.
     """
 
     name: str
@@ -69,7 +71,7 @@ class Validation:
 
     @property
     def share(self) -> float:
-        """The error over the span."""
+        """The error over the span; NaN if the reading is constant."""
         return self.rms / self.span if self.span else float("nan")
 
     @property
@@ -108,7 +110,10 @@ def validate(model: Model, recording: Recording) -> Validation:
         ("displacement", recording.displacement_unit, model.displacement_unit),
     ):
         if ours != theirs:
-            raise BadInput(f"{recording.name}: the {what} is in {ours}, the model's in {theirs}")
+            raise BadInput(
+                f"{recording.name}: the {what} is in {ours}, the model's in {theirs}: a model "
+                f"identified from recordings in {ours} is needed"
+            )
     known = ~recording.missing_drive
     channels = {}
     for name in channels_of(model):
@@ -121,7 +126,10 @@ def validate(model: Model, recording: Recording) -> Validation:
     channels = {name: recording.channels[name][at] for name in channels_of(model)}
     u, t, y = recording.drive[at], recording.t_s[at], recording.displacement[at]
     late = _find_late(t)
-    judged_at = _find_settled(u) & ~late
+    read = ~np.isnan(y)
+    judged_at = _find_settled(u, read) & ~late
+    if np.count_nonzero(judged_at & read) < FEWEST:  # a gauge that was read only at late samples
+        judged_at, late = read, np.zeros(u.size, dtype=bool)
     start, predicted = replay(model, t, u, channels, y)
     out = np.full(recording.size, np.nan)
     out[known] = predicted
@@ -129,12 +137,12 @@ def validate(model: Model, recording: Recording) -> Validation:
     offset = float(np.nanmean(error))
     own, drive = _correlate(error - offset, u)
     fit = model.fit
-    step = quantum(y)
+    step = quantum(y[read])
     noise, within = estimate_noise(error, step), None
     outside = _find_outside(model, u, t)
     stated = ~(outside | _find_slower(model, u, t)) & ~np.isnan(error)
     share = float(np.count_nonzero(stated)) / float(np.count_nonzero(~np.isnan(error)))
-    if fit.band is not None and share >= LEAST_STATED:
+    if fit.band is not None and share >= LEAST_STATED and np.isfinite(noise):
         reach = np.hypot(fit.band, SURE * noise)
         judged = error[stated]
         within = float(np.mean(np.abs(judged - judged.mean()) <= reach))
@@ -169,13 +177,14 @@ def _find_noisier(error: Floats, noise: float, claimed: float | None) -> float:
     return float(np.sqrt(power)) if noise > (claimed or 0.0) and power > 0.0 else 0.0
 
 
-def _find_settled(u: Floats) -> Bools:
+def _find_settled(u: Floats, read: Bools) -> Bools:
     """Return the rows (N,) after the drive has covered nearly all of its range, or all rows if that
-    comes late: earlier rows depend on the history of the stage."""
+    comes late for the rows with a reading: earlier rows depend on the history of the stage."""
     covered = np.maximum.accumulate(u)
     covered -= np.minimum.accumulate(u)
     out = np.asarray(covered >= COVERED * covered[-1])
-    return out if np.count_nonzero(out) >= ENOUGH * u.size else np.ones(u.size, dtype=bool)
+    enough = np.count_nonzero(out & read) >= ENOUGH * np.count_nonzero(read)
+    return out if enough else np.ones(u.size, dtype=bool)
 
 
 def _find_late(t: Floats) -> Bools:

@@ -9,7 +9,7 @@ first used.
 import importlib
 from typing import Any
 
-__version__ = "0.2.0"
+__version__ = "0.3.0.dev0"
 
 FUNCTIONS = "dehyst.daemon.api.functions"
 HOMES = {

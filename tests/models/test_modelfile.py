@@ -3,6 +3,7 @@
 import re
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from hypothesis import strategies as st
 from dehyst.models.errors import BadModel
 from dehyst.models.model import Block, Fit, Hysteresis, Model, Provenance, Validity
 from dehyst.models.modelfile import dumps, loads, shipped
+
+ROOT = Path(__file__).parents[2]
 
 
 def _same(a: Model, b: Model) -> bool:
@@ -99,6 +102,32 @@ def _damaged(change: dict[str, object]) -> str:
 def test_damage_is_named_by_its_key(change: dict[str, object], names: str) -> None:
     with pytest.raises(BadModel, match=re.escape(names)):
         loads(_damaged(change))
+
+
+@pytest.mark.parametrize("key", ["slopes_s_per_v", "drive_offset_v"])
+@pytest.mark.parametrize("name", ["paper-eq11", "paper-eq12"])
+def test_a_key_whose_absence_would_change_the_model_is_missed(name: str, key: str) -> None:
+    """Models of later versions always have both keys; those of the first versions left out what
+    was 0, and still do, so that their digests stay."""
+    model = shipped(name)
+    later = replace(model, provenance=Provenance(version="0.3.0"))
+    assert _same(loads(dumps(later)), later)
+    data = tomllib.loads(dumps(later))
+    del data["hysteresis"][key]
+    with pytest.raises(BadModel, match=f"hysteresis.{key}: this key is missing"):
+        loads(tomli_w.dumps(data))
+    for version in ("0.1.0", "0.2.0"):
+        earlier = replace(model, provenance=Provenance(version=version))
+        assert "drive_offset_v" not in dumps(earlier)
+        assert ("slopes_s_per_v" in dumps(earlier)) == (name == "paper-eq12")
+        assert _same(loads(dumps(earlier)), earlier)
+
+
+@pytest.mark.parametrize(
+    "path", [p for p in ROOT.glob("[dm]*/**/*.toml") if "[hysteresis]" in p.read_text("utf-8")]
+)
+def test_every_model_in_the_tree_can_be_read(path: Path) -> None:
+    loads(path.read_text("utf-8"))
 
 
 def test_text_that_is_no_toml() -> None:

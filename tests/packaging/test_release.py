@@ -53,18 +53,27 @@ def test_the_image_takes_the_list_that_was_made_for_its_python() -> None:
     assert "--require-hashes -r /wheels/constraints-image.txt" in text
 
 
+def newest_release() -> str:
+    """Return this version, or between two releases the one before: 0.3.0.dev0 follows 0.2.0."""
+    releases = re.findall(r"^## \[(\d[\d.]*)\] - ", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    assert Version(VERSION).is_devrelease == (VERSION not in releases)
+    assert Version(VERSION) >= Version(releases[0]) == max(map(Version, releases))
+    return releases[0]
+
+
 def test_one_version() -> None:
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert VERSION == dehyst.__version__ == cited["version"]
+    assert dehyst.__version__ == VERSION
+    assert cited["version"] == newest_release()
     assert {"cff-version", "message", "title", "authors"} <= cited.keys()
     assert cited["references"][0]["doi"] == "10.3390/mi8040114"
     day = cited["date-released"]
-    assert f"## [{VERSION}] - {day}" in (ROOT / "CHANGELOG.md").read_text()
+    assert f"## [{newest_release()}] - {day}" in (ROOT / "CHANGELOG.md").read_text()
 
 
 def test_what_is_new_in_it_can_be_read() -> None:
     text = (ROOT / "CHANGELOG.md").read_text()
-    part = text[text.index(f"## [{VERSION}]") :].split("\n## ")[0]
+    part = text[text.index(f"## [{newest_release()}]") :].split("\n## ")[0]
     assert len(part.splitlines()) <= MOST_LINES
     assert "### What you get" in part
     assert "### What breaks" in part

@@ -62,7 +62,7 @@ def read_apart(path: Path) -> Sheet:
         with np.load(target, allow_pickle=False) as data:
             head = json.loads(str(data["head"]))
             columns = [
-                Column(one["heading"], data[f"c{i}"], one["unit"], one["clock"])
+                Column(one["heading"], data[f"c{i}"], one["unit"], one["clock"], one["number"])
                 for i, one in enumerate(head["columns"])
             ]
     return Sheet(columns, head["notes"], head["step_s"], head["start_s"], head["said"])
@@ -112,7 +112,12 @@ def main(source: str, target: str) -> None:
         print(" ".join(f"{type(error).__name__}: {error}".split()))
         sys.exit(4)
     columns = [
-        {"heading": text_of(c.heading), "unit": text_of(c.unit), "clock": c.clock}
+        {
+            "heading": text_of(c.heading),
+            "unit": text_of(c.unit),
+            "clock": c.clock,
+            "number": c.number,
+        }
         for c in found.columns
     ]
     head = {

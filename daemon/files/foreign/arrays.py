@@ -1,14 +1,16 @@
 """Turn named arrays of any shape into columns: structures are flattened, texts become notes."""
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
-from dehyst.daemon.files.csv_table import MOST_COLUMNS
+from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS
+from dehyst.daemon.files.foreign.epochs import epoch_unit, is_rising
 from dehyst.daemon.files.foreign.found import Column, Sheet
+from dehyst.daemon.files.foreign.roles import role_of
+from dehyst.daemon.files.foreign.units import find_unit_key
 
 MOST_WIDE = 64  # columns of one two-dimensional array
 MOST_DEEP = 16
@@ -46,14 +48,17 @@ def found_in(arrays: Iterable[tuple[str, str, Any]], notes: Mapping[str, str]) -
 
 
 def of_one_length(found: Sheet, wanted: Iterable[str] = ()) -> Sheet:
-    """Keep only columns of one length: that of the wanted columns, or the most common one."""
-    sizes = [column.values.size for column in found.columns]
-    named = {str(text).lower() for text in wanted}
-    of_wanted = [c.values.size for c in found.columns if c.heading.lower() in named]
-    counted = Counter(of_wanted or sizes)
-    if len(set(sizes)) < 2:
+    """Keep only columns of one length: of the wanted columns or else of all, that of the time and
+    the drive, or of most roles, or the longest."""
+    sizes = {column.values.size for column in found.columns}
+    if len(sizes) < 2:
         return found
-    size = max(counted, key=lambda n: (counted[n] if not of_wanted else 1, n))
+    named = {str(text).lower() for text in wanted}
+    of_wanted = {c.values.size for c in found.columns if {c.heading.lower(), str(c.number)} & named}
+    roles: dict[int, set[str]] = {size: set() for size in sizes}
+    for c in found.columns:
+        roles[c.values.size] |= {role_of(c.heading, find_unit_key(c.unit))[0]} - {""}
+    size = max(of_wanted or sizes, key=lambda n: ({"t", "u"} <= roles[n], len(roles[n]), n))
     left = [c.heading for c in found.columns if c.values.size != size]
     found.columns = [c for c in found.columns if c.values.size == size]
     found.said.append(
@@ -74,6 +79,11 @@ def _columns(name: str, unit: str, array: Any) -> list[Column]:
     if array.dtype.kind not in "biuf":
         return []
     array = array.squeeze() if array.ndim > 1 else array
+    if array.dtype.kind in "iu" and array.ndim == 1 and array.size and array[0] > LARGEST:
+        first, long = int(array[0]), array.astype(np.uint64)
+        counted = (long - long[0]).astype(np.int64)  # modulo 2**64, so that earlier is negative
+        if is_rising(counted):
+            unit, array = unit or epoch_unit(first, name), counted
     if array.ndim == 1 and array.size > 1:
         return [Column(name, np.ascontiguousarray(array, dtype=np.float64), unit, clock)]
     if array.ndim != 2:

@@ -14,11 +14,15 @@ from dehyst.daemon.files.foreign.roles import (
     BY_UNIT,
     BY_WORD,
     NAMES,
+    daq_side,
     kind_of,
     may_be_drive,
+    named_axis,
+    names_drive,
     role_of,
+    says_neither,
 )
-from dehyst.daemon.files.foreign.units import ANGLE, LENGTH, find_unit_key, split_heading
+from dehyst.daemon.files.foreign.units import ANGLE, LENGTH, VOLTAGE, find_unit_key, split_heading
 from dehyst.models.errors import BadRecording
 
 
@@ -46,6 +50,7 @@ def choose_columns(
     alike: dict[str, list[int]] = {}  # the same values in each run
     which: list[str] = []
     both = False  # drive and displacement are requested together
+    advised: dict[str, int] = {}
     for role in NAMES:
         if role in chosen or (role == "t" and reading.rate_hz):
             continue
@@ -56,42 +61,57 @@ def choose_columns(
         if len(found) == 1:
             chosen[role] = found[0]
         elif found and (role in wants or role in "tuy"):
-            names = ", ".join(describe_column(columns[i], i) for i in found[:4])
-            option = _option(role, columns, found)
-            if role == "u" and not any(r == "y" for r, _ in roles.values()) and "y" not in chosen:
-                option += "," + _option("y", columns, found).removeprefix("--columns ")
-                both = True
-            which.append(f"{names}: which is the {NAMES[role]}? add {option}")
+            names = ", ".join(describe_column(columns[i]) for i in found[:4])
+            both = both or (role == "u" and not _holds(roles, "y") and "y" not in chosen)
+            advised |= {"u": found[0], "y": found[-1]} if both else {}
+            if not both:
+                advised[role] = _most_like(columns, found, role, chosen | advised)
+            option = _option(columns, {r: i for r, i in advised.items() if r == role or both})
+            asks = f"the {NAMES[role]}" + ", which the displacement" * both
+            which.append(f"{names}: which is {asks}? add {option}")
             several[role] = found
         elif role in wants and role != "t" and not (role == "y" and both):
-            left = [i for i in free if not roles[i][0]]
-            names = ", ".join(describe_column(columns[i], i) for i in range(min(len(columns), 6)))
+            left = [i for i in free if i not in (chosen | advised).values()]
+            left = _without_role(columns, left, roles)
+            if left and role == "y" and "u" in advised and "u" not in several:
+                advised[role] = left[-1]  # drive and displacement are asked for of one list
+            elif left:
+                advised[role] = _most_like(columns, left, role, chosen | advised)
+            names = ", ".join(describe_column(column) for column in columns[:6])
             asked.append(
                 f"no heading names the {NAMES[role]} (there are {names}): add "
-                + (_option(role, columns, left) if left else f"--columns {role}=...")
+                + (_option(columns, {role: advised[role]}) if left else f"--columns {role}=...")
             )
     run = several and _of_one_run(columns, alike | several, chosen)
-    if run := run or _of_one_run(columns, several, chosen):
-        if both:
-            run["y"] = run["u"]
-        options = [
-            _option(r, columns, of).removeprefix("--columns ") for r, of in sorted(run.items())
-        ]
-        which = [f"it holds several runs: name one, such as --columns {','.join(options)}"]
+    run = run or _of_one_run(columns, several, chosen)
+    if run and not (both and len(run["u"]) < 2):
+        one: dict[str, int] = {}
+        for role in sorted(run):
+            one[role] = _most_like(columns, run[role], role, chosen | one)
+        one |= {"u": run["u"][0], "y": run["u"][-1]} if both else {}
+        option = _option(columns, dict(sorted(one.items())))
+        which = [f"it holds several runs: name one, such as {option}"]
     asked += which
     _refuse_missing_roles(name, columns, chosen, several, reading)
     return chosen
 
 
-def describe_column(column: Column, number: int) -> str:
-    text = f"'{column.heading[:40]}'" if column.heading else f"column {number}"
-    return text + (f" ({column.unit})" if column.unit else "")
+def describe_column(column: Column) -> str:
+    text = f"'{column.heading[:40]}'" if column.heading else f"column {column.number}"
+    return text + (f" ({column.unit.strip('[](){}')})" if column.unit else "")
 
 
 def path_of(heading: str) -> list[str]:
     """Return groups and name of a column: "Run 1/U (V)", but not "U / V" or "Velocity (um/s)"."""
     path = re.split(r"/(?![^\[({<]*[\])}>])", heading)
     return [heading] if path[-1][:1] in ("", " ") or find_unit_key(path[-1]) else path
+
+
+def _groups_of(heading: str) -> list[str]:
+    """Return the groups of a column, and the structures of MATLAB: "run1.data.u" has two."""
+    path = path_of(heading)
+    fields = path[-1].split(".") if re.fullmatch(r"[^\W\d]\w*(\.\w+)+", path[-1]) else path[-1:]
+    return [*path[:-1], *fields[:-1]]
 
 
 def _refuse_missing_roles(
@@ -107,7 +127,7 @@ def _refuse_missing_roles(
         free = role not in chosen and role not in several and not (role == "t" and reading.rate_hz)
         if channel not in NAMES and role and sure >= BY_WORD and free:
             raise BadRecording(
-                f"{name}: --columns {channel}=... takes {describe_column(columns[i], i)}, and no "
+                f"{name}: --columns {channel}=... takes {describe_column(columns[i])}, and no "
                 f"{NAMES[role]} is left: name another column with {role}=..., or "
                 f"leave out {channel}"
             )
@@ -125,7 +145,33 @@ def _roles(
         for i in free:
             if roles[i] == ("y", BY_WORD) and may_be_drive(columns[i].heading, units[i]):
                 roles[i] = "u", BY_UNIT
+    if any(daq_side(c.heading, find_unit_key(c.unit)) == "out" for c in columns):
+        for i in free:  # what the analog output drives is measured by the analog input
+            heading = columns[i].heading
+            if daq_side(heading, units[i]) == "in" and not names_drive(heading):
+                roles[i] = roles[i] if roles[i][0] == "y" else ("y", BY_UNIT)
+    roles |= _roles_of_axes(columns, units)
+    kinds = {i: kind_of(columns[i].heading, units[i]) for i in free}
+    for role in "uy":  # a word without a unit does not win over a column whose unit fits
+        if any(roles[i][0] == role and kinds[i] for i in free):
+            for i in free:
+                if roles[i] == (role, BY_WORD) and not kinds[i]:
+                    roles[i] = role, BY_UNIT
     return roles
+
+
+def _roles_of_axes(
+    columns: Sequence[Column], units: Mapping[int, str]
+) -> dict[int, tuple[str, int]]:
+    """Return the roles of columns that are named x, y, z: where there is y and another, y is an
+    axis rather than the displacement. units: of the columns that are free."""
+    axes = {i: named_axis(columns[i].heading, unit) for i, unit in units.items()}
+    if "y" not in axes.values() or not {"x", "z"} & set(axes.values()):
+        return {}
+    kinds = {i: kind_of(columns[i].heading, units[i]) for i, axis in axes.items() if axis}
+    volts = [i for i, kind in kinds.items() if kind == VOLTAGE]
+    drives = [i for i in volts if len(volts) > 1 or axes[i] != "y"]
+    return {i: ("u" if i in drives else "y", BY_UNIT) for i in kinds}
 
 
 def _of_one_run(
@@ -133,7 +179,7 @@ def _of_one_run(
 ) -> dict[str, list[int]]:
     """Return the candidates for each role that are in one group or sheet, that of a chosen column
     if possible; {} if the candidates are not in different ones."""
-    groups = [path_of(column.heading)[:-1] for column in columns]
+    groups = [_groups_of(column.heading) for column in columns]
     for found in [*several.values()][:1]:
         for depth in range(1, 1 + min(len(groups[i]) for i in found)):
             for run in [groups[i][:depth] for i in (*chosen.values(), found[0])]:
@@ -145,13 +191,54 @@ def _of_one_run(
     return {}
 
 
-def _option(role: str, columns: Sequence[Column], of: Sequence[int]) -> str:
-    one = of[0] if role != "y" else of[-1]
-    heading = columns[one].heading
-    plain = bool(re.fullmatch(r"[\w.]+", heading)) and not heading.isdecimal()
-    if not heading or len(heading) > 40 or not heading.isprintable():
-        return f"--columns {role}={one}"
-    return f"--columns {role}=" + (heading if plain else f'"{heading}"')
+def _option(columns: Sequence[Column], of: Mapping[str, int]) -> str:
+    """Return the option that names a column for each role."""
+    return "--columns " + ",".join(f"{role}={_name(columns, i)}" for role, i in of.items())
+
+
+def _name(columns: Sequence[Column], i: int) -> str:
+    heading = columns[i].heading
+    unique = sum(column.heading.lower() == heading.lower() for column in columns) == 1
+    short = 0 < len(heading) <= 40
+    if not (unique and short and heading.isprintable() and '"' not in heading):
+        return str(columns[i].number)
+    plain = re.fullmatch(r"[\w.]+", heading) and not heading.isdecimal()
+    return heading if plain else f'"{heading}"'
+
+
+def _most_like(
+    columns: Sequence[Column], of: Sequence[int], role: str, others: Mapping[str, int]
+) -> int:
+    """Return the candidate to advise: the one of the same axis or number as the other column of
+    drive and displacement, a length for the displacement."""
+    other = others.get("y" if role == "u" else "u")
+    beside = _marks(columns[other].heading) if other is not None else set()
+
+    def fits(i: int) -> tuple[int, bool]:
+        kind = kind_of(columns[i].heading, find_unit_key(columns[i].unit))
+        return len(_marks(columns[i].heading) & beside), role == "y" and kind in (LENGTH, ANGLE)
+
+    return max(of, key=fits)
+
+
+def _marks(heading: str) -> set[str]:
+    """Return words and numbers of a heading, and the axis of "Vx"."""
+    words = set(re.findall(r"\d+|[^\W\d_]+", split_heading(heading)[0].lower()))
+    return words | {word[1] for word in words if len(word) == 2 and word[1] in "xyz"}
+
+
+def _holds(roles: Mapping[int, tuple[str, int]], role: str) -> bool:
+    return any(one == role for one, _ in roles.values())
+
+
+def _without_role(
+    columns: Sequence[Column], of: Sequence[int], roles: Mapping[int, tuple[str, int]]
+) -> list[int]:
+    """Return the columns that may be named where no heading names one: those without a role if
+    there are any."""
+    units = {i: find_unit_key(columns[i].unit) for i in of}
+    may = [i for i in of if not says_neither(columns[i].heading, units[i]) and roles[i][0] != "t"]
+    return [i for i in may if not roles[i][0]] or may
 
 
 def _all_the_same(columns: Sequence[Column], which: Sequence[int]) -> bool:
@@ -170,11 +257,13 @@ def _ask_by_number(
     """Ask for the required columns by number, because no column has a heading."""
     roles = [r for r in wants if r not in chosen and not (r == "t" and reading.rate_hz)]
     if roles:
-        first = ", ".join(f"{columns[i].values[0]:.6g}" for i in free[:6])
-        numbers = ",".join(f"{role}={i}" for i, role in zip(free, roles, strict=False))
+        first = ", ".join(
+            f"column {columns[i].number}: {columns[i].values[0]:.6g}" for i in free[:6]
+        )
+        option = _option(columns, dict(zip(roles, free, strict=False)))
         asked.append(
             f"{len(columns)} columns of numbers without headings (the first row is {first}): say "
-            f"which is which: --columns {numbers}"
+            f"which is which: {option}"
         )
 
 
@@ -193,11 +282,12 @@ def _named(name: str, columns: Sequence[Column], role: str, wanted: str | int) -
         if found:
             raise BadRecording(
                 f"{name}: --columns {role}={text}: {len(found)} columns have this heading; give "
-                f"the number: {role}={found[0]}"
+                f"the number: {role}={columns[found[0]].number}"
             )
-    if isinstance(wanted, int) and 0 <= wanted < len(columns):
-        return wanted
-    there = ", ".join(describe_column(c, i) for i, c in enumerate(columns[:8]))
+    for i, column in enumerate(columns):
+        if isinstance(wanted, int) and column.number == wanted:
+            return i
+    there = ", ".join(describe_column(c) for c in columns[:8])
     raise BadRecording(
         f"{name}: --columns {role}={text}: there is no such column; there are {there}"
     )

@@ -13,7 +13,11 @@ GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
 GROUPED_BY_POINTS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?")
 GROUPED_APART = re.compile(r"[+-]?[1-9]\d{0,2}(['\u2019\xa0\u2009\u202f]\d{3})+(\.\d*)?")
 """With apostrophes, as in Switzerland, or with no-break spaces, as in France."""
-_CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:\.\d*)?)")
+_CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d*)?)")
+_HALF_DAY = re.compile(
+    r"(?:(\d{1,2})/(\d{1,2})/(\d{4})\s+)?(1[0-2]|0?[1-9])(:.*\d)\s*([ap])\.?m\.?", re.I
+)
+_DAYS = re.compile(r"(\d+) days?,? (.*)", re.I)
 _GERMAN_DATE = re.compile(r"(\d\d)\.(\d\d)\.(\d{4})[ T](.*)")
 
 
@@ -52,11 +56,18 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
 
 
 def moment_of(text: str) -> float | None:
-    """Return the seconds of "12:00:01.25", "2024-03-05 12:00:01.25" or "05.03.2024 12:00:01.25"."""
+    """Return the seconds of "12:00:01.25", "2024-03-05 12:00:01.25", "05.03.2024 12:00:01.25",
+    "3/5/2024 1:00:01.25 PM" or "0 days 12:00:01.25", with either decimal mark."""
     if ":" not in text or len(text) > 40:
         return None
     if clock := _CLOCK.fullmatch(text):
-        return int(clock[1]) * 3600.0 + int(clock[2]) * 60.0 + float(clock[3])
+        return int(clock[1]) * 3600.0 + int(clock[2]) * 60.0 + float(clock[3].replace(",", "."))
+    if days := _DAYS.fullmatch(text):
+        rest = moment_of(days[2])
+        return None if rest is None else int(days[1]) * 86400.0 + rest
+    if half := _HALF_DAY.fullmatch(text):
+        date_of = f"{half[3]}-{int(half[1]):02d}-{int(half[2]):02d} " if half[3] else ""
+        return moment_of(f"{date_of}{int(half[4]) % 12 + 12 * (half[6] in 'pP'):02d}{half[5]}")
     if german := _GERMAN_DATE.fullmatch(text):
         text = f"{german[3]}-{german[2]}-{german[1]} {german[4]}"
     try:

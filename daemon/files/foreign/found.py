@@ -8,12 +8,14 @@ from typing import Any
 @dataclass
 class Column:
     """One column: its heading, or ""; its unit if the file gives it apart from the heading, or "";
-    (N,) values; clock: the file gave timestamps, which were converted to seconds."""
+    (N,) values; clock: the file gave timestamps, which were converted to seconds; number: in the
+    file, from 0, where columns without numbers count as well (-1: as in its Sheet)."""
 
     heading: str
     values: Any
     unit: str = ""
     clock: bool = False
+    number: int = -1
 
 
 @dataclass
@@ -28,6 +30,10 @@ class Sheet:
     start_s: float = 0.0
     said: list[str] = field(default_factory=list)
     where: Callable[[int], str] = field(default=lambda row: f"row {row + 1}")
+
+    def __post_init__(self) -> None:
+        for i, column in enumerate(self.columns):
+            column.number = i if column.number < 0 else column.number
 
 
 def text_of(given: str | bytes) -> str:

@@ -84,6 +84,7 @@ def read_xlsx(path: Path) -> Sheet:
 
     book = load_workbook(path, read_only=True, data_only=True)
     sheets: list[tuple[str, Sheet]] = []
+    refused: list[BadRecording] = []
     formulas = False
     for sheet in book.worksheets:
         rows = []
@@ -102,10 +103,16 @@ def read_xlsx(path: Path) -> Sheet:
             continue
         first = next(i for i in range(begins, len(rows)) if rows[i] is looked[layout.first])
         places = ((i, rows[i]) for i in range(first, len(rows)))
-        here = fill(sheet.title, layout, places, lambda place: f"row {place + 1}")
+        try:
+            here = fill(sheet.title, layout, places, lambda place: f"row {place + 1}")
+        except BadRecording as error:
+            refused.append(error)
+            continue
         if len(here.columns) > 1 and here.columns[0].values.size > 1:
             sheets.append((sheet.title, here))
     if not sheets:
+        if refused:
+            raise refused[0]
         raise BadRecording(
             "no sheet holds columns of numbers"
             + (" (formulas that were never computed count as empty)" if formulas else "")
@@ -124,6 +131,7 @@ def read_xlsx(path: Path) -> Sheet:
         )
         for title, one in sheets:
             found.notes |= {f"{title}/{key}": text for key, text in one.notes.items()}
+    found.said += [f"sheet left out: {str(error)[:200]}" for error in refused]
     found.where = lambda row: f"row {row + 1}"
     return found
 

@@ -7,7 +7,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-from dehyst.daemon.files.foreign.units import DRIVE_UNITS, TIME_UNITS, find_unit_key
+from dehyst.daemon.files.foreign.units import (
+    DISPLACEMENT_UNITS,
+    DRIVE_UNITS,
+    TIME_UNITS,
+    find_unit_key,
+)
 from dehyst.models.errors import BadInput
 
 _PAIR = re.compile(r"""\s*([A-Za-z_]\w*)\s*=\s*(?:"([^"]*)"|'([^']*)'|([^,]*?))\s*(?:,|$)""")
@@ -31,7 +36,7 @@ class ReadOptions:
         for option, given, known in (
             ("--time-unit", self.time_unit, TIME_UNITS),
             ("--drive-unit", self.drive_unit, DRIVE_UNITS),
-            ("--unit", self.unit, DRIVE_UNITS),
+            ("--unit", self.unit, DISPLACEMENT_UNITS),
         ):
             if given and find_unit_key(given) not in {find_unit_key(name) for name in known}:
                 raise BadInput(f"{option} {given}: is not known; known are {', '.join(known)}")
@@ -77,7 +82,8 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add("--time-unit", dest="reading_time_unit", choices=TIME_UNITS, help="unit of the times")
     units = ", ".join(DRIVE_UNITS)
     add("--drive-unit", dest="reading_drive_unit", metavar="UNIT", help=f"of the drive: {units}")
-    add("--unit", dest="reading_unit", metavar="UNIT", help="of the displacement: one of the same")
+    also = "of the displacement: one of these, rad or deg"
+    add("--unit", dest="reading_unit", metavar="UNIT", help=also)
 
 
 def parse_columns(text: str) -> dict[str, str | int]:

@@ -37,7 +37,8 @@ _TARGET = {
 }  # fmt: skip
 _DRIVE = {
     "u", "drive", "input", "driving", "applied", "excitation", "actuation", "ansteuerung", "hv",
-    "command", "control", "vin", "uin", "actuator", "amplifier", "eingang", "stimulus",
+    "command", "control", "vin", "uin", "vout", "uout", "actuator", "amplifier", "eingang",
+    "stimulus",
 }  # fmt: skip
 _VOLTAGE = {"voltage", "volt", "volts", "spannung", "tension", "v"}
 _DISPLACEMENT = {
@@ -48,6 +49,17 @@ _DISPLACEMENT = {
 }  # fmt: skip
 _EITHER = {"measured", "output", "response", "ausgang"}
 """Words that stand for a displacement, unless a voltage is named beside them."""
+_IN = {"input", "inputs", "in", "eingang", "vin", "uin"}
+_OUT = {"output", "outputs", "out", "ausgang", "vout", "uout"}
+"""Of the stage or of the instrument: where the column is in volts they do not say which."""
+_ANALOG = {"analog", "analogue", "daq"}
+_DAQ_IN, _DAQ_OUT = {"ai", "adc", "analogeingang"}, {"ao", "dac", "analogausgang"}
+"""Of a data acquisition device, whose output drives and whose input measures."""
+_NEITHER = {
+    "model", "status", "state", "mode", "temp", "temperature", "temperatur", "error", "flag", "std",
+    "noise", "wavelength", "thickness", "battery", "supply",
+}  # fmt: skip
+"""Words of what is neither drive nor displacement, such as the prediction of a model."""
 _ROW = {"", "index", "idx", "no", "nr", "n", "row", "sample", "samples", "point", "sequence", "seq"}
 _PLAIN = re.compile(rf"(?:(t)_s|(u|y|target)_(?:{'|'.join(UNIT_NAMES)}))")
 
@@ -70,10 +82,14 @@ def role_of(heading: str, unit: str) -> tuple[str, int]:
     if plain := _PLAIN.fullmatch(last.rpartition(".")[2]):
         return plain[1] or plain[2], PLAIN
     words, kind = _words(heading), kind_of(heading, unit)
-    sensed = bool(words & _DISPLACEMENT)
-    driven = bool(words & _DRIVE)
-    if kind == OTHER or "model" in words:  # a model's prediction is not a measurement
+    if says_neither(heading, unit):
         return "", 0
+    side = daq_side(heading, unit)
+    if side or kind == VOLTAGE:
+        words = words - _IN - _OUT
+    driven = bool(words & _DRIVE) or side == "out"
+    voltage = bool(words & _VOLTAGE) and kind in (VOLTAGE, "")
+    sensed = bool(words & _DISPLACEMENT - ({"y"} if driven or voltage else set()))  # axis y
     if words & _TARGET and kind in (LENGTH, ANGLE, ""):
         return "target", BY_WORD
     if (words & _TIME and kind in (TIME, "")) or {"x", "value"} <= words or {"x", "axis"} <= words:
@@ -86,7 +102,7 @@ def role_of(heading: str, unit: str) -> tuple[str, int]:
         return "u", BY_WORD
     if driven and sensed:
         return {VOLTAGE: "u", LENGTH: "y", ANGLE: "y"}.get(kind, ""), BY_UNIT
-    if words & _VOLTAGE and kind in (VOLTAGE, ""):
+    if voltage:
         return "u", BY_WORD
     by_unit = {VOLTAGE: "u", LENGTH: "y", ANGLE: "y", COUNTS: ""}.get(kind, "")
     return by_unit, BY_UNIT if by_unit else 0
@@ -94,8 +110,40 @@ def role_of(heading: str, unit: str) -> tuple[str, int]:
 
 def kind_of(heading: str, unit: str) -> str:
     """Return the quantity that a column's unit measures, "" if no unit that is known is given."""
-    key = read_heading(heading[: LONGEST_HEADING + 1]).unit or unit
+    key = unit or read_heading(heading[: LONGEST_HEADING + 1]).unit
     return UNITS[key][0] if key else ""
+
+
+def says_neither(heading: str, unit: str) -> bool:
+    """Return whether a heading is that of neither drive nor displacement: "Amplifier status"."""
+    return kind_of(heading, unit) == OTHER or bool(_words(heading) & _NEITHER)
+
+
+def daq_side(heading: str, unit: str) -> str:
+    """Return "out" for "Analog Output (V)" or "AO0", "in" for "Analog Input/CH1", "" for others."""
+    if kind_of(heading, unit) not in (VOLTAGE, ""):
+        return ""
+    words = set[str]().union(*(words_of(part) for part in heading.split("/")))
+    analog = bool(words & _ANALOG)
+    out = bool(words & _DAQ_OUT) or (analog and bool(words & _OUT))
+    measured = bool(words & _DAQ_IN) or (analog and bool(words & _IN))
+    return "" if out == measured else "out" if out else "in"
+
+
+def named_axis(heading: str, unit: str) -> str:
+    """Return x, y or z if a heading names only that axis, "" otherwise: "X (um)", but not "X drive
+    (V)", "X_Value" or dehyst's own "y_um"."""
+    role, sure = role_of(heading, unit)
+    words = _words(heading)
+    said = words & (_DISPLACEMENT | _DRIVE | _VOLTAGE) - {"y"}
+    if sure == PLAIN or role in ("t", "target") or said or says_neither(heading, unit):
+        return ""
+    return next((axis for axis in "xyz" if axis in words), "")
+
+
+def names_drive(heading: str) -> bool:
+    """Return whether a word other than those of inputs and outputs names the drive."""
+    return bool(_words(heading) & _DRIVE - _IN - _OUT)
 
 
 def may_be_drive(heading: str, unit: str) -> bool:

@@ -9,28 +9,29 @@ from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
 
 _UNIT_BEHIND = r"(?:(?:\s*[\[(/]|\s)\s*([^\])]*?)\s*[\])]?)?"
 _STEP = re.compile(
-    r"(?:sample interval|sampling interval|sampling period|x ?increment|delta x|increment|dt)"
-    + _UNIT_BEHIND,
+    r"(?:sample interval|sampling interval|sampling period|x ?increment|delta x|increment|dt"
+    r"|abtastintervall)" + _UNIT_BEHIND,
     re.IGNORECASE,
 )
 _RATE = re.compile(
-    r"(?:sample rate|sampling rate|sampling frequency|samples/s|fs)" + _UNIT_BEHIND, re.IGNORECASE
+    r"(?:sample ?rate|sampling rate|sampling frequency|samples/s|fs|abtastrate|abtastfrequenz)"
+    + _UNIT_BEHIND,
+    re.IGNORECASE,
 )
+_REST_OF_A_NUMBER = re.compile(r"\d{3}(?!\d)(?:[.,]\d*)?\s*[^\d\s]*")
 _STATED = re.compile(r"([-+]?\d[\d.,']*(?:e[-+]?\d+)?)\s*(.*)", re.IGNORECASE)
 _RATE_UNIT = re.compile(r"([kMG]?)(?:Hz|Sa?/s|Samples?/s|Hertz|1/s)", re.IGNORECASE)
 
 
 def stated_step(cells: Sequence[str], decimal: str) -> float:
-    """Return the sampling period [s] that a line of the preamble states, 0 if it states none or in
-    a unit that is not known."""
+    """Return the sampling period [s] that a line of the preamble states, 0 if it states none, in
+    a unit that is not known, or in a number that the separator may have cut ("1,000 Hz")."""
     name = cells[0].rstrip(":=").strip().replace("_", " ") if len(cells) > 1 else ""
     step, rate = _STEP.fullmatch(name), _RATE.fullmatch(name)
     named, stated = step or rate, _STATED.fullmatch(cells[1]) if name else None
-    if named is None or stated is None:
+    if named is None or stated is None or _may_be_cut(cells[1:], decimal):
         return 0.0
-    value = number_of(stated[1], decimal)
-    if value is None:
-        value = number_of(stated[1], "," if decimal == "." else ".")
+    value = _value(stated[1], decimal)
     beside = "".join(cells[2:3])
     if not (find_unit_key(beside) or _RATE_UNIT.fullmatch(beside)):
         beside = ""
@@ -40,6 +41,20 @@ def stated_step(cells: Sequence[str], decimal: str) -> float:
         return 0.0
     scaled = value * factors.pop()
     return scaled if step or not scaled else 1.0 / scaled
+
+
+def _value(text: str, decimal: str) -> float | None:
+    value = number_of(text, decimal)
+    return number_of(text, "," if decimal == "." else ".") if value is None else value
+
+
+def _may_be_cut(cells: Sequence[str], decimal: str) -> bool:
+    """Return whether the fields are parts of one number, or different numbers."""
+    first, further = _value(cells[0], decimal), cells[1:]
+    if further and _REST_OF_A_NUMBER.fullmatch(further[0]):
+        return True
+    numbers = [value for cell in further if cell and (value := _value(cell, decimal)) is not None]
+    return first is not None and any(value != first for value in numbers)
 
 
 def _factor(unit: str, is_time: bool) -> float:

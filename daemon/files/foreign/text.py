@@ -5,6 +5,7 @@ import gzip
 import re
 import zlib
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -18,17 +19,18 @@ from dehyst.daemon.files.csv_table import (
     TRUSTED_BYTES,
     is_missing,
 )
-from dehyst.daemon.files.foreign.found import Column, Sheet
+from dehyst.daemon.files.foreign.found import Sheet
 from dehyst.daemon.files.foreign.grid import (
     LOOKED_AT,
     GridLayout,
     fill,
-    find_decimal,
     lay_out,
-    note_form,
     refuse_other_headings,
-    score,
+    sheet_of,
 )
+from dehyst.daemon.files.foreign.headings import ways_to_split
+from dehyst.daemon.files.foreign.lvm import is_lvm, read_lvm
+from dehyst.daemon.files.foreign.runs import find_decimal, score
 from dehyst.models.errors import BadRecording
 
 MOST_TEXT = 256 << 20
@@ -86,9 +88,14 @@ def read_text_table(path: Path) -> Sheet:
     return understand_text(path.name, decode_text(path.name, read_bytes(path)))
 
 
-def understand_text(name: str, text: str) -> Sheet:
-    """Return the columns of a text in memory."""
+def understand_text(
+    name: str, text: str, above: int = 0, separator: str | None = None, decimal: str = ""
+) -> Sheet:
+    """Return the columns of a text in memory. above: lines of the file above it; separator,
+    decimal: as the file states them."""
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if is_lvm(lines):
+        return read_lvm(name, lines, partial(understand_text, name))
     places = [i for i, line in enumerate(lines[: 3 * LOOKED_AT]) if line.strip()][:LOOKED_AT]
     if not places:
         raise BadRecording(f"{name}: the file is empty")
@@ -98,14 +105,16 @@ def understand_text(name: str, text: str) -> Sheet:
         places = places[:50]
     sample = [lines[i] for i in places]
     best: tuple[int, str, str] = (0, "", "")
-    for separator, word in SEPARATORS:
-        split = splitter(separator)
+    for one, word in SEPARATORS:
+        if separator not in (None, one):
+            continue
+        split = splitter(one)
         rows = [split(line) for line in sample]
         if max(map(len, rows)) < 2:
             continue
         gain = max(score(rows, decimal)[0] for decimal in (".", ","))
         if gain > best[0]:
-            best = gain, separator, word
+            best = gain, one, word
     gain, separator, word = best
     if not gain:
         raise BadRecording(
@@ -115,18 +124,19 @@ def understand_text(name: str, text: str) -> Sheet:
     rows = [split(line) for line in sample]
     rest = lines[places[-1] + 1 :] if separator != "," else []
     later = [split(line) for line in islice((line for line in rest if "," in line), LOOKED_AT)]
-    decimal, unclear = find_decimal(rows + later, habit="," if separator == ";" else "")
-    layout = lay_out(name, rows, decimal)
+    unclear = ""
+    if decimal not in (".", ",") or not score(rows, decimal)[0]:
+        decimal, unclear = find_decimal(rows + later, habit="," if separator == ";" else "")
+    names = None if separator else (lambda i: ways_to_split(sample[i]))
+    layout = lay_out(name, rows, decimal, names)
     layout.unclear = unclear
     layout.form = [f"separated by {word}"] if separator != "," else []
     _refuse_two_commas(name, layout, rows, separator)
-    if not separator:
-        _join_headings(layout, sample)
     first = places[layout.first]
-    found = _quickly(lines, first, layout, separator, decimal, split)
+    found = _quickly(lines, first, layout, separator, decimal, split, above)
     if found is None:
-        rows_of = _without_notes(name, lines, first, layout, split)
-        found = fill(name, layout, rows_of, lambda place: f"line {place + 1}")
+        rows_of = _without_notes(name, lines, first, layout, split, above)
+        found = fill(name, layout, rows_of, lambda place: f"line {above + place + 1}")
     return found
 
 
@@ -152,12 +162,13 @@ def _without_notes(
     first: int,
     layout: GridLayout,
     split: Callable[[str], list[str]],
+    above: int,
 ) -> Iterator[tuple[int, list[str]]]:
     """Yield (place, fields) of the lines from the first row on, except notes."""
     for i in range(first, len(lines)):
         row = split(lines[i])
         if lines[i].lstrip()[:1] in ("#", "%", "!") and not is_missing(row[0].strip()):
-            refuse_other_headings(name, layout, row, f"line {i + 1}")
+            refuse_other_headings(name, layout, row, f"line {above + i + 1}")
         else:
             yield i, row
 
@@ -169,12 +180,15 @@ def _quickly(
     separator: str,
     decimal: str,
     split: Callable[[str], list[str]],
+    above: int,
 ) -> Sheet | None:
     """Read with numpy's own reader; return None if a row is not plain enough for it."""
-    kept = [j for j in range(layout.width) if layout.numeric[j]]
     if layout.unclear or any(":" in cell for cell in split(lines[first])):
         return None
-    body = _plain(lines[first:], layout, separator, decimal)
+    kept = [j for j in range(layout.width) if layout.numeric[j]]
+    filled = 1 + max((j for j in kept if not layout.late[j]), default=0)
+    kept = kept[: sum(j < filled for j in kept)]  # not those that are late, if no line has them
+    body = _plain(lines[first:], filled, separator, decimal)
     if decimal == ",":
         body = (line.replace(",", ".") for line in body)
     try:
@@ -184,21 +198,16 @@ def _quickly(
     if np.any(np.abs(table[np.isfinite(table)]) > LARGEST):
         return None
     full = all(line.strip() for line in lines[first : first + table.shape[0]])
-    found = Sheet(
-        [
-            Column(layout.headings[j], np.ascontiguousarray(table[:, i]), layout.units[j])
-            for i, j in enumerate(kept)
-        ],
-        layout.notes,
-        layout.step_s,
-        layout.start_s,
-        where=lambda row: f"line {first + row + 1}" if full else f"row {row + 1}",
+    return sheet_of(
+        layout,
+        {j: np.ascontiguousarray(table[:, i]) for i, j in enumerate(kept)},
+        [False] * layout.width,
+        lambda row: f"line {above + first + row + 1}" if full else f"row {row + 1}",
+        0,
     )
-    note_form(found, layout, 0)
-    return found
 
 
-def _plain(lines: Sequence[str], layout: GridLayout, separator: str, decimal: str) -> Iterator[str]:
+def _plain(lines: Sequence[str], most: int, separator: str, decimal: str) -> Iterator[str]:
     """Yield the lines. Raises ValueError at one that has to be read field by field, because numpy
     would pass over a further field or a mark for thousands."""
     for line in lines:
@@ -207,7 +216,7 @@ def _plain(lines: Sequence[str], layout: GridLayout, separator: str, decimal: st
         else:
             size = len(line.split())
         marked = decimal == "," and ("." in line or separator == ",")
-        if size > layout.most or marked or not line.isascii():
+        if size > most or marked or not line.isascii():
             raise ValueError
         yield line
 
@@ -224,15 +233,3 @@ def _refuse_two_commas(
                 f"{name}: {above} headings over {layout.width} fields: commas are decimal marks "
                 "and separators at once; write it with semicolons, or with decimal points"
             )
-
-
-def _join_headings(layout: GridLayout, sample: Sequence[str]) -> None:
-    """Split headings that contain blanks: at two or more blanks, or after a closing bracket."""
-    if layout.first == 0 or any(layout.headings):
-        return
-    line = re.sub(r"^\s*[#%!]+\s*", "", sample[layout.first - 1]).strip()
-    for form in (r"\s{2,}", r"(?<=[\])])\s+"):
-        cells = re.split(form, line)
-        if len(cells) == layout.width:
-            layout.headings = cells
-            return

@@ -21,11 +21,13 @@ from dehyst.daemon.files.foreign.roles import (
     role_of,
 )
 from dehyst.daemon.files.foreign.units import (
+    DRIVE_UNITS,
     LENGTH,
     TIME,
     UNITS,
     VOLTAGE,
     find_unit_key,
+    is_other_unit,
     read_heading,
     split_heading,
 )
@@ -69,9 +71,9 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
     for role in ("u", "y", "target"):
         if role in chosen:
             given = reading.drive_unit if role == "u" else reading.unit
-            _take(role, columns[chosen[role]], chosen[role], given, out, said, asked)
+            _take(role, columns[chosen[role]], given, out, said, asked)
     for channel in [name for name in chosen if name not in NAMES]:
-        _keep_as(channel, columns[chosen[channel]], chosen[channel], out, said, asked)
+        _keep_as(channel, columns[chosen[channel]], out, said, asked)
     if asked:
         raise BadRecording(f"{name}: {'; '.join(asked)}")
     for i, column in enumerate(columns):
@@ -91,17 +93,15 @@ def _is_own(column: Column) -> bool:
 
 
 def _without_row_numbers(columns: Sequence[Column], reading: ReadOptions) -> list[Column]:
-    """Return all columns except one that counts the rows; drop none if columns are given by
-    number."""
-    if any(isinstance(c, int) for c in reading.columns.values()):
-        return list(columns)
+    """Return all columns except one that counts the rows and is not named by --columns."""
+    wanted = reading.columns.values()
     out = []
     for column in columns:
         v = np.asarray(column.values)
         first = float(v[0])
         counting = first in (0.0, 1.0) and bool(np.all(v == first + np.arange(v.size)))
-        named = any(c.heading for c in columns)
-        if not (named and counting and counts_rows(column.heading) and len(columns) > 2):
+        numbers = any(c.heading for c in columns) and counting and counts_rows(column.heading)
+        if not numbers or len(columns) < 3 or column.number in wanted or column.heading in wanted:
             out.append(column)
     return out
 
@@ -116,6 +116,13 @@ def _stated(column: Column) -> str:
     if column.unit.strip().lower() not in NO_UNIT:
         return "" if find_unit_key(column.unit) else column.unit.strip()
     return read_heading(column.heading).stated
+
+
+def _two_units(column: Column) -> list[str]:
+    """Return the units in the heading and apart from it if both are given and differ."""
+    inside, apart = read_heading(column.heading), find_unit_key(column.unit)
+    unit = inside.unit or (inside.stated if is_other_unit(inside.stated) else "")
+    return [unit, apart] if unit and apart and unit != apart else []
 
 
 def _take_time(
@@ -138,7 +145,7 @@ def _take_time(
             asked.append("no column of times: add --rate HZ (rows a second), or --columns t=...")
         return
     column = columns[number]
-    label, unit = describe_column(column, number), find_unit_key(reading.time_unit) or _unit(column)
+    label, unit = describe_column(column), find_unit_key(reading.time_unit) or _unit(column)
     values = np.asarray(column.values, dtype=np.float64)
     if column.clock and not unit:
         unit = "s"
@@ -146,6 +153,12 @@ def _take_time(
         asked.append(
             f"{label} states '{stated[:40]}', which is not a known unit of time: add --time-unit "
             "s, ms or us, or --rate HZ"
+        )
+        return
+    if (two := _two_units(column)) and not reading.time_unit:
+        asked.append(
+            f"{label} states two units, {' and '.join(two)}: add --time-unit s, ms or us, "
+            "whichever is right"
         )
         return
     if not unit:
@@ -181,24 +194,31 @@ def _take_time(
 def _take(
     role: str,
     column: Column,
-    number: int,
     given: str,
     out: dict[str, Floats],
     said: list[str],
     asked: list[str],
 ) -> None:
     """Convert drive, displacement or target to a unit that recordings use."""
-    own, stated, label = _unit(column), _stated(column), describe_column(column, number)
+    own, stated, label = _unit(column), _stated(column), describe_column(column)
     unit = find_unit_key(given) or own
     option = "--drive-unit" if role == "u" else "--unit"
     if stated and not given:
+        doubt = "may be a label" if find_unit_key(stated) else "is not a known unit"
         asked.append(
-            f"{label} states '{stated[:40]}', which is not a known unit: add {option} and the unit "
-            f"of these numbers ({', '.join(UNIT_NAMES)})"
+            f"{label} states '{stated[:40]}', which {doubt}: add {option} and the unit of these "
+            f"numbers ({', '.join(DRIVE_UNITS)})"
+        )
+        return
+    two = _two_units(column)
+    if two and find_unit_key(given) not in two:
+        known = " or ".join(f"{option} {one}" for one in two if one in UNITS)
+        asked.append(
+            f"{label} states two units, {' and '.join(two)}: add {known}, whichever is right"
         )
         return
     in_heading = not find_unit_key(column.unit)
-    usable = own != "" and UNITS[own][1] in UNIT_NAMES
+    usable = own != "" and UNITS[own][1] in UNIT_NAMES and not two
     if usable and own != unit and (in_heading or UNITS[own][0] == UNITS[unit][0]):
         asked.append(
             f"{label} is in {own}, but {option} says {unit}: without {option} it is read in "
@@ -209,7 +229,7 @@ def _take(
         unit, label = "v", f"{label}, taken as volts"
     if not unit:
         asked.append(
-            f"the unit of {label} is not given: add --unit um, nm, v, counts, mrad or urad"
+            f"the unit of {label} is not given: add --unit um, nm, m, v, counts, mrad or urad"
         )
         return
     _, kept, factor = UNITS[unit]
@@ -229,13 +249,12 @@ def _take(
 def _keep_as(
     name: str,
     column: Column,
-    number: int,
     out: dict[str, Floats],
     said: list[str],
     asked: list[str],
 ) -> None:
     """Add a further channel under the name that --columns gives it; its values are unchanged."""
-    label, own, named = describe_column(column, number), _unit(column), split_heading(name)[1]
+    label, own, named = describe_column(column), _unit(column), split_heading(name)[1]
     if re.fullmatch(ROLE_NAMES, name):
         asked.append(f"--columns {name}=...: the name {name} is not free for a further channel")
     elif own and named and own != named and UNITS[own][0] == UNITS[named][0]:

@@ -46,7 +46,8 @@ UNITS: dict[str, tuple[str, str, float]] = {
     "%": (OTHER, "percent", 1.0),
 }
 TIME_UNITS = ("s", "ms", "us")
-DRIVE_UNITS = ("v", "mv", "kv", "um", "nm", "mm", "counts", "mrad", "urad")
+DRIVE_UNITS = ("v", "mv", "kv", "um", "nm", "pm", "mm", "m", "counts", "mrad", "urad")
+DISPLACEMENT_UNITS = (*DRIVE_UNITS, "rad", "deg")
 SPELLED = {
     **dict.fromkeys(("sec", "secs", "second", "seconds", "sekunde", "sekunden", "sek"), "s"),
     **dict.fromkeys(("msec", "millisecond", "milliseconds", "millisekunden"), "ms"),
@@ -96,6 +97,16 @@ _BRACKETS = re.compile(r"[\[({<]([^\[\](){}<>]*)(?:[\])}>]|$)")
 _FACTOR = re.compile(r"[x×*·/÷^]\s*\d|\d\s*[x×*·/÷^]|\de[+-]?\d|[.,]\d", re.IGNORECASE)
 _BEHIND_A_MARK = re.compile(r"(.*?\S)(\s*(?:/|,|;|:|\bin\b)\s*)(\S+)\s*")
 _LAST_WORD = re.compile(r"(.*[^\W_].*?|.*[^\W_])[_\s.-]+([^\W\d_]+|°C?|%)\s*")
+LETTERS = {
+    "h": re.compile(r"t|times?|zeit|elapsed"),
+    "c": re.compile(r"temp\w*"),
+    "k": re.compile(r"temp\w*"),
+    "a": re.compile(r"current|strom"),
+    "n": re.compile(r"force|kraft"),
+    "m": re.compile(r"(?!)"),
+}
+"""Units that are also labels, as in "Channel A" and "Sensor_C", and the word after which they are
+units without brackets."""
 _REPEATED = re.compile(r"\.\d{1,3}$")
 _PREFIX = "(?:da|[YZEPTGMkhdcmuµμnpf])"
 _LIKE_A_UNIT = re.compile(
@@ -109,7 +120,7 @@ LONGEST_HEADING = 120
 @dataclass(frozen=True)
 class Heading:
     """name: without the unit; unit: key in UNITS, "" if none that is known is given; stated: what
-    is given as the unit but is not known, ""."""
+    is given as the unit but is not known or may be a label, ""."""
 
     name: str
     unit: str = ""
@@ -134,13 +145,17 @@ def read_heading(text: str) -> Heading:
         quotient = "/" in mark and before and unit and find_unit_key(over)
         if quotient and (mark == "/" or len(over) > 1):  # the s in "Weg s / um" is a name
             return Heading(before, "", f"{over}{mark}{last}")
-        if unit:
+        if unit and (mark.strip() in ("/", "in") or not _may_be_label(name, last)):
             return Heading(name, unit)
+        if unit:
+            return Heading(text, "", last)
         if _is_like_a_unit(last):
             return Heading(name, "", last)
         if mark.strip() == "/" != mark:
             return Heading(text, "", last)
     if (word := _LAST_WORD.fullmatch(plain)) and word[2].lower() != "d":  # as in "Sensor D"
+        if _may_be_label(word[1], word[2]):
+            return Heading(text, "", word[2])
         if unit := find_unit_key(word[2]):
             return Heading(word[1].strip(), unit)
         if _is_like_a_unit(word[2]):
@@ -148,11 +163,24 @@ def read_heading(text: str) -> Heading:
     return Heading(text)
 
 
+def _may_be_label(name: str, letter: str) -> bool:
+    """Return whether a letter at the end of a heading may be a label rather than a unit."""
+    before = re.findall(r"[^\W\d_]+", name.lower())
+    after = LETTERS.get(letter.lower())
+    return after is not None and not (before and after.fullmatch(before[-1]))
+
+
 def _is_like_a_unit(text: str) -> bool:
     """Return whether a text is a unit that is not known, such as "dV", "MS" or "V/mm"."""
     first = re.split(r"[/*·^]", text)[0]
     known = find_unit_key(first) or first.lower() in CASE_DECIDES
     return bool(known or _LIKE_A_UNIT.fullmatch(first))
+
+
+def is_other_unit(stated: str) -> bool:
+    """Return whether what a heading states is a unit, but none that is known: "dV", "x100 V"."""
+    like = _is_like_a_unit(stated) or bool(_FACTOR.search(stated))
+    return like and not find_unit_key(stated)
 
 
 def _read_brackets(text: str, plain: str) -> Heading:
@@ -173,7 +201,8 @@ def _read_brackets(text: str, plain: str) -> Heading:
         return Heading(name.removesuffix(rest.strip()).strip(), "", factor.strip())
     if units:
         return Heading(name if not others else text, units.pop())
-    if others and (unit := find_unit_key(behind)):
+    marked = re.match(r"\s*(?:/|in\b)", rest) or not _may_be_label("", behind)
+    if others and marked and (unit := find_unit_key(behind)):
         return Heading(text, unit)
     words = all(re.fullmatch(r"[\w\s-]+", w) and not _is_like_a_unit(w) for w in others)
     return Heading(text if words else name, "", others[0] if others else "")

@@ -9,7 +9,7 @@ import pytest
 from tests.rigs.stage_model import model_text
 
 import dehyst
-from dehyst.daemon.files.recordings import read_columns
+from dehyst.daemon.files.recordings import read_columns, write_recording
 from dehyst.daemon.main import main
 from dehyst.daemon.page.jobs import Setting, identify_file, say_refusal
 from dehyst.models.errors import BadRecording
@@ -110,3 +110,42 @@ def test_the_page_says_it_too(tmp_path: Path) -> None:
     assert result["said"].startswith(GERMAN)
     refusal = say_refusal(BadRecording("a.txt: add --columns u=0"))
     assert refusal.endswith("dehyst convert with these options writes a file that needs none")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "identify gaps.csv -o found.toml --static --order 6",
+        "validate model.toml gaps.csv",
+        "simulate model.toml gaps.csv -o out.csv",
+        "convert gaps.csv out.csv",
+        "excite --check gaps.csv",
+    ],
+)
+def test_each_command_says_once_what_is_missing(
+    words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    y = 0.1 * U + NOISE
+    y[300:350] = np.nan
+    u = np.where(np.arange(N) % 400 == 7, np.nan, U)
+    write_recording("gaps.csv", np.where(T < 2.0, T, T + 3.0), {"u_v": u, "y_um": y})
+    assert main(words.split()) in (0, 1)
+    printed = capsys.readouterr()
+    said = "gaps.csv: 5 drive values missing, 50 displacement values missing, 1 gaps in time"
+    assert (printed.out + printed.err).count(said) == 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "simulate model.toml slow.csv -o out.csv",
+        "validate model.toml slow.csv",
+        "convert slow.csv out.csv",
+    ],
+)
+def test_times_that_may_be_milliseconds_are_remarked_once(
+    words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_recording("slow.csv", 250.0 * T, {"u_v": U, "y_um": 0.1 * U + NOISE})
+    err = said(capsys, *words.split())
+    assert err.count("the rows lie 0.5 s apart") == 1

@@ -9,7 +9,8 @@ import pytest
 from tests.rigs.gateway_bench import CONFIG
 from tests.rigs.stage_model import model_text
 
-from dehyst.daemon.files.outputs import whole_file
+from dehyst.daemon.files.loading import SUFFIXES
+from dehyst.daemon.files.outputs import RECORDINGS, whole_file
 from dehyst.daemon.files.recordings import read_recording, write_recording
 from dehyst.daemon.main import COMMANDS, build_parser, main
 from dehyst.models.errors import BadInput
@@ -153,6 +154,37 @@ def test_an_existing_recording_is_replaced_only_when_asked(
     assert "--force" in said
     assert said.count("\n") == 1
     assert earlier.read_text() == "t_s,u_v,y_um\n0.0,1.0,2.0\n"
+
+
+def test_a_recording_of_any_kind_is_kept(
+    files: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file of every kind that is read as a recording, with its suffix in any case."""
+    assert set(RECORDINGS) == set(SUFFIXES)
+    for suffix in (*RECORDINGS, ".TXT", ".Csv"):
+        earlier = Path(f"earlier{suffix}")
+        earlier.write_text("kept")
+        assert main(["identify", str(files["rec"]), "-o", str(earlier)]) == 2
+        assert f"{earlier}: exists already" in capsys.readouterr().err
+        assert earlier.read_text() == "kept"
+
+
+def test_notes_beside_an_output_are_kept(
+    files: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    notes = Path("new.csv.meta.json")
+    for line in ("convert {rec} new.csv", "simulate {model} {rec} -o new.csv"):
+        notes.write_text('{"kept": "yes"}')
+        assert main(line.format(**files).split()) == 2
+        assert "new.csv.meta.json: exists already" in capsys.readouterr().err
+        assert notes.read_text() == '{"kept": "yes"}'
+        assert not Path("new.csv").exists()
+    assert main([*f"convert {files['rec']} new.csv --force".split()]) == 0
+    assert not notes.exists()
+    own = files["rec"].with_name("rec.csv.meta.json")
+    own.write_text("{}")
+    assert main(f"identify {files['rec']} -o {own} --force".split()) == 2
+    assert "is an input" in capsys.readouterr().err
 
 
 def test_with_force_the_new_recording_is_there(files: dict[str, Path]) -> None:

@@ -16,11 +16,12 @@ from tests.rigs.gateway_bench import ROOT, environment
 
 from dehyst.daemon.files.appended import RecordingFailed
 from dehyst.daemon.files.mcap_file import TOPIC
+from dehyst.daemon.files.outputs import notes_path
 from dehyst.daemon.files.pieces import parse_rotation
 from dehyst.daemon.files.recorder import Recorder
 from dehyst.daemon.files.recordings import read_columns
 from dehyst.daemon.files.rows import HELD_S, open_rows
-from dehyst.daemon.files.sidecar import notes_path, read_notes, write_notes
+from dehyst.daemon.files.sidecar import read_notes, write_notes
 from dehyst.daemon.main import main
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.models.errors import BadInput, BadRecording

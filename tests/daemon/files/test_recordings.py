@@ -36,7 +36,7 @@ DAMAGED = {
     "timegap.csv": (b"t_s,u_v,y_um\n0,1,2\n,1,2\n", "line 3: the time is missing"),
     "short.csv": (b"t_s,u_v,y_um\n0,1,2\n", "1 rows of data"),
     "unit.csv": (b"t_s,u_hz,y_um\n0,1,2\n1,2,3\n", "no heading names the drive"),
-    "unity.csv": (b"t_s,u_v,y_mm\n0,1,2\n1,2,3\n", "y_mm is not a displacement"),
+    "unity.csv": (b"t_s,u_v,y_hz\n0,1,2\n1,2,3\n", "y_hz is not a displacement"),
     "huge.csv": (b"t_s,u_v,y_um\n0,1,1e300\n1,2,3\n", "line 2: y_um is 1e+300"),
     "infinite.csv": (b"t_s,u_v,y_um\n0,1,3\n1,inf,3\n", "line 3: u_v is inf"),
     "semicolons.csv": (b"t_s;u_v;y_um\n0;1;2\n0;1;3\n7;1;3\n", "line 3: t_s does not increase"),

@@ -8,7 +8,7 @@ import pytest
 from tests.rigs.outside import noisy, stage
 
 from dehyst.models.identify import Identification, identify
-from dehyst.models.identify.validation import Validation, validate
+from dehyst.models.identify.validation import SURE, Validation, validate
 from dehyst.models.recording import Recording
 
 FINE, EACH = 1e-4, 50  # the stage's own steps, and how many there are in a sample
@@ -87,3 +87,28 @@ def test_a_wrong_model_is_worse_on_a_noisier_gauge_too() -> None:
     claim = read_with(0.0).claim
     assert claim is not None
     assert read_with(6.0 * claim, error=0.3).worse
+
+
+def read_at(rows: np.ndarray) -> Validation:
+    """Validate with a reading at these rows (N,) only."""
+    one = recorded(30, 2)
+    assert one.displacement is not None
+    seen = np.where(rows, one.displacement, np.nan)
+    return validate(found().model, replace(one, displacement=seen))
+
+
+def test_rows_with_a_reading_are_judged_wherever_they_are() -> None:
+    """The gauge may stop before the drive has covered its range, or be read only at late samples
+    from then on."""
+    one, row = recorded(30, 2), np.arange(N)
+    assert one.displacement is not None
+    for last in (400, 500):  # the drive has covered its range at row 417
+        seen = np.where(row < last, one.displacement, np.nan)
+        stopped = validate(found().model, replace(one, displacement=seen))
+        assert np.isfinite([stopped.rms, stopped.offset, stopped.noise]).all()
+        assert stopped.chance < SURE / np.sqrt(0.9 * last)
+    at_late = np.append(False, np.diff(one.t_s) > 1.2 * np.median(np.diff(one.t_s)))
+    at_late[1:] |= at_late[:-1].copy()
+    only = read_at(at_late | (row < 60))
+    assert np.isfinite([only.rms, only.offset, only.noise]).all()
+    assert only.late == 0

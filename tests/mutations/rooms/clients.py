@@ -46,8 +46,10 @@ CHANGES = [
     *room(
         ("tests/daemon/client/test_held_axes.py",),
         Change(
-            "held-axis-lost-when-late", "daemon/client/held_axes.py",
-            ' or getattr(error, "code", "") in IN_PASSING\n', "\n",
+            "held-axis-lost-when-late",
+            "daemon/client/held_axes.py",
+            ' or getattr(error, "code", "") in IN_PASSING\n',
+            "\n",
             "an axis is given up because this computer stood still for a moment",
         ),
         Change(
@@ -82,8 +84,10 @@ CHANGES = [
     *room(
         ("tests/daemon/client/test_positioner.py",),
         Change(
-            "place-lost-when-late", "daemon/client/positioner.py",
-            "error.code not in IN_PASSING or now_ns", "True or now_ns",
+            "place-lost-when-late",
+            "daemon/client/positioner.py",
+            "error.code not in IN_PASSING or now_ns",
+            "True or now_ns",
             "a scan loses its place because its computer stood still for a moment",
         ),
         Change(

@@ -174,6 +174,65 @@ CHANGES += room(
     ),
 )  # fmt: skip
 
+ROLES = "tests/daemon/files/test_foreign_roles.py"
+CHANGES += room(
+    (ROLES,),
+    Change(
+        "y-before-x-and-z", f"{FOREIGN}/choose.py", 'if "y" not in axes.values() or', "if True or",
+        "of the axes x, y, z a file is read with y, whichever was driven",
+    ),
+    Change(
+        "word-without-a-unit-wins", f"{FOREIGN}/choose.py",
+        "if any(roles[i][0] == role and kinds[i] for i in free):", "if False:",
+        "a column 'Input' of zeros is the drive, taken as volts, although another is in volts",
+    ),
+    Change(
+        "input-of-the-instrument-drives", f"{FOREIGN}/roles.py",
+        "    if side or kind == VOLTAGE:", "    if False:",
+        "the sensor's voltage at the analog input is read as the drive",
+    ),
+    Change(
+        "advice-of-another-axis", f"{FOREIGN}/choose.py",
+        'other = others.get("y" if role == "u" else "u")', "other = None",
+        "the drive of one axis is advised with the displacement of another",
+    ),
+    Change(
+        "structures-are-one-run", f"{FOREIGN}/choose.py",
+        "return [*path[:-1], *fields[:-1]]", "return path[:-1]",
+        "it is not said that a MATLAB file holds several runs",
+    ),
+    Change(
+        "one-channel-for-both", f"{FOREIGN}/choose.py",
+        'if run and not (both and len(run["u"]) < 2):', "if run:",
+        "one channel is advised as drive and as displacement, which is then refused",
+    ),
+    Change(
+        "numbers-without-texts", f"{FOREIGN}/choose.py", "column.number == wanted", "i == wanted",
+        "after a column of text each number names the next column",
+    ),
+    Change(
+        "letters-are-units", f"{FOREIGN}/units.py",
+        "return after is not None and not (", "return False and not (",
+        "channels A and C are amperes and degrees",
+    ),
+    Change(
+        "two-units-one-taken", f"{FOREIGN}/understand.py",
+        "if two and find_unit_key(given) not in two:", "if False:",
+        "of two units that a file states for one column one is guessed",
+    ),
+    Change(
+        "sensor-voltage-moves", "daemon/files/recordings.py",
+        'if letter == "u" else MEASURED_FIRST', "if letter else MEASURED_FIRST",
+        "the sensor's voltage is read as the displacement, although y_um is there",
+    ),
+    Change(
+        "nanometres-are-micrometres", "daemon/api/functions.py",
+        "displacement=one.displacement * factor,", "displacement=one.displacement,",
+        "a recording in nm is compared with a model in um a thousand times too large",
+        tests=("tests/daemon/commands/test_validate.py",),
+    ),
+)  # fmt: skip
+
 NUMBERS = "tests/daemon/files/test_foreign_text_numbers.py"
 TABLE, GRID, TEXT = "daemon/files/csv_table.py", f"{FOREIGN}/grid.py", f"{FOREIGN}/text.py"
 CHANGES += room(
@@ -202,7 +261,7 @@ CHANGES += room(
         're.compile(r"#.*")', "1.#IND, which is no number, is read as 1",
     ),
     Change(
-        "further-field-passed-over", TEXT, "if size > layout.most or marked", "if marked",
+        "further-field-passed-over", TEXT, "if size > most or marked", "if marked",
         "a row with a field too many is shifted, and of two joined rows one is lost",
     ),
     Change(
@@ -306,5 +365,173 @@ CHANGES += room(
         'parse_columns(",".join(given("columns") or []))',
         'parse_columns((given("columns") or [""])[-1])',
         "of several --columns options all but the last are passed over",
+    ),
+)  # fmt: skip
+
+ALSO = "daemon/files/loading.py"
+CHANGES += room(
+    ("tests/daemon/files/test_own_names.py",),
+    Change(
+        "heading-beside-own-time", ALSO,
+        "role and role not in found and not _is_channel(name, sure)", "False and role",
+        "a file with t_s and a drive in kV is converted without a word, and stays in kV",
+    ),
+    Change(
+        "channel-is-a-drive", ALSO, "return is_axis_column(name) or (plain and (",
+        "return False and (plain and (",
+        "the voltage of a neighbouring axis becomes the drive",
+    ),
+) + room(
+    ("tests/daemon/files/test_left_out_parts.py",),
+    Change(
+        "most-common-length", f"{FOREIGN}/arrays.py",
+        '({"t", "u"} <= roles[n], len(roles[n]), n)', "n",
+        "a longer spectrum is kept, and time, drive and displacement are left out",
+    ),
+    Change(
+        "summary-refuses-all", f"{FOREIGN}/libraries.py",
+        "            refused.append(error)\n            continue\n", "            raise error\n",
+        "a workbook is refused because of a second sheet with a word in it",
+    ),
+    Change(
+        "left-out-in-silence", ALSO, "left.append(key)\n", "pass\n",
+        "an array that is not read is not named",
+    ),
+) + room(
+    ("tests/daemon/commands/test_outputs.py",),
+    Change(
+        "only-csv-is-a-recording", "daemon/files/outputs.py", "kind.endswith(RECORDINGS)",
+        "kind.endswith(RECORDINGS[:2])", "a model replaces a recording in a .txt file",
+    ),
+    Change(
+        "notes-replaced", "daemon/files/outputs.py",
+        "if not force and notes.exists() and kind.endswith(WITH_NOTES):", "if False:",
+        "the notes of another recording are overwritten or deleted",
+    ),
+) + room(
+    ("tests/daemon/commands/test_other_files.py",),
+    Change(
+        "gaps-unsaid", "daemon/files/given_recordings.py",
+        "    say_read(recording.defects())\n    return", "    return",
+        "missing values are simulated over without a word",
+    ),
+) + room(
+    ("tests/daemon/commands/test_validate.py",),
+    Change(
+        "nan-in-json", "daemon/api/json_text.py",
+        "if isinstance(value, float) and not math.isfinite(value):", "if False:",
+        "validate --json prints NaN, which is not JSON, or ends with a traceback",
+    ),
+    Change(
+        "every-gauge-is-noisier", "daemon/report/validation.py",
+        "v.rms > CLAIM * v.claim and not v.worse", "v.noisier > 0.0",
+        "noise is said to be subtracted where it decides nothing",
+    ),
+) + room(
+    ("tests/daemon/commands/test_simulate.py",),
+    Change(
+        "zero-of-the-gauge-is-error", "daemon/api/prediction.py", "float(np.std(error[known]))",
+        "float(np.sqrt(np.mean(np.square(error[known]))))",
+        "no figure of simulate agrees with diagnosis.json after a gauge was zeroed",
+    ),
+) + room(
+    ("tests/models/test_modelfile.py",),
+    Change(
+        "missing-key-is-zero", "models/modelfile.py", "_number, ... if whole else 0.0)",
+        "_number, 0.0)", "a model without its drive offset is read as one without an offset",
+    ),
+)  # fmt: skip
+
+LAYOUTS = "tests/daemon/files/test_foreign_layouts.py"
+RUNS, HEADINGS = f"{FOREIGN}/runs.py", f"{FOREIGN}/headings.py"
+CHANGES += room(
+    (LAYOUTS,),
+    Change(
+        "bracket-is-a-name", HEADINGS, "_BLANKS.split(line))", "plain)",
+        "'Time (s) u_v y_um temp_c' over four numbers is asked for, though it is plain",
+    ),
+    Change(
+        "names-cut-to-fit", HEADINGS, "if len(cells) == size]", "if len(cells) >= size]",
+        "names with blanks shift all columns by one",
+    ),
+    Change(
+        "units-only-directly-above", HEADINGS, "LINES_ABOVE = 4", "LINES_ABOVE = 1",
+        "a line of units above a line of comments is lost, and millivolts are taken as volts",
+    ),
+    Change(
+        "preamble-is-units", HEADINGS,
+        "(k == len(near) - 1 or _are_units([in_front]))", "True",
+        "the units in an oscilloscope's preamble are taken for those of the columns",
+    ),
+    Change(
+        "sparse-is-empty", GRID, "if texts[j] else 0)", "if True else 0)",
+        "a displacement that is there in one of twenty rows is left out",
+    ),
+    Change(
+        "late-is-empty", GRID, "late[j] or numbers[j] >", "numbers[j] >",
+        "a displacement that begins after 2000 rows is left out",
+    ),
+    Change(
+        "late-remark-refuses", GRID, "if value is None and layout.late[j]:", "if False:",
+        "a remark in row 3000 makes a file of LabVIEW unreadable",
+    ),
+    Change(
+        "short-rows-are-notes", RUNS, "        first -= 1\n", "        break\n",
+        "rows without the last field are left out as notes",
+    ),
+    Change(
+        "clock-with-a-comma-decides", RUNS,
+        "        unclear = _unclear_point(rows[first:], width)  # a clock's comma does not decide\n"
+        '        habit = ""\n',
+        "        pass\n", "50.123 next to 12:00:01,250 is taken as one of two numbers",
+    ),
+    Change(
+        "comma-elsewhere-decides", RUNS,
+        'return ",", _unclear_point(rows[other[1] :], other[2])', 'return ",", ""',
+        "50.123 next to 0,005 is read as 50123 V",
+    ),
+    Change(
+        "rate-cut-by-the-separator", f"{FOREIGN}/stated_step.py",
+        "if further and _REST_OF_A_NUMBER.fullmatch(further[0]):", "if False:",
+        "a rate of 1,000 Hz is read as 1 Hz",
+    ),
+    Change(
+        "first-of-two-steps", f"{FOREIGN}/stated_step.py",
+        "any(value != first for value in numbers)", "False",
+        "of two stated steps the first is taken",
+    ),
+    Change(
+        "count-takes-a-heading", HEADINGS,
+        'if numbers.counts and len(cells) == numbers.width - 1:\n        return ["", *cells]',
+        'if numbers.counts and len(cells) == numbers.width - 1:\n        return [*cells, ""]',
+        "the row numbers of R are read as the times",
+    ),
+    Change(
+        "parameter-is-a-heading", HEADINGS, "v is None or math.isnan(v) or short for", "True for",
+        "'Samples,400' names two columns",
+    ),
+    Change(
+        "other-channels-joined", f"{FOREIGN}/lvm.py",
+        "        if [(c.heading, c.unit) for c in part.columns] != [",
+        "        if False and [] != [",
+        "the second segment of a LabVIEW file is read with drive and displacement exchanged",
+    ),
+    Change(
+        "segments-begin-at-0", f"{FOREIGN}/lvm.py", "begin + step * np.arange(rows)",
+        "step * np.arange(rows)", "each segment of a LabVIEW file is a recording from 0 s",
+    ),
+    Change(
+        "afternoon-is-morning", f"{FOREIGN}/fields.py", "+ 12 * (half[6] in 'pP')", "",
+        "at noon the clock of a US file goes back by half a day",
+    ),
+    Change(
+        "epoch-as-a-float", f"{FOREIGN}/epochs.py",
+        "float(int(text) - first.setdefault(j, int(text)))",
+        "float(text) - float(first.setdefault(j, int(text)))",
+        "times in nanoseconds since 1970 are rounded to 256 ns",
+    ),
+    Change(
+        "damage-is-a-time", GRID, "if not is_rising(columns[j]):", "if False:",
+        "damaged numbers of 16 digits are read as values",
     ),
 )  # fmt: skip

@@ -13,8 +13,8 @@ CHANGES = room(
     Change(
         "late-rows-are-judged",
         VALIDATION,
-        "judged_at = _find_settled(u) & ~late",
-        "judged_at = _find_settled(u)",
+        "judged_at = _find_settled(u, read) & ~late",
+        "judged_at = _find_settled(u, read)",
         "set-up on a busy machine refuses a good model",
     ),
     Change(
@@ -23,6 +23,20 @@ CHANGES = room(
         "return late if np.mean(late) <= RARE else",
         "return late if np.mean(late) <= 1.0 else",
         "hardly any row is judged in a recording with jittering time stamps",
+    ),
+    Change(
+        "readings-only-at-late-rows",
+        VALIDATION,
+        "judged_at, late = read, np.zeros(u.size, dtype=bool)",
+        "pass",
+        "a gauge that is read rarely ends validate with a traceback",
+    ),
+    Change(
+        "rows-without-a-reading-are-enough",
+        VALIDATION,
+        "enough = np.count_nonzero(out & read) >= ENOUGH * np.count_nonzero(read)",
+        "enough = np.count_nonzero(out) >= ENOUGH * u.size",
+        "a few of many readings are judged where the gauge stopped early",
     ),
 ) + room(
     ("tests/models/identify/test_intervals.py",),

@@ -1,0 +1,230 @@
+"""Find which line above the numbers holds the names of the columns, and which their units."""
+
+import csv
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from dehyst.daemon.files.foreign.fields import number_of
+from dehyst.daemon.files.foreign.roles import role_of
+from dehyst.daemon.files.foreign.units import find_unit_key, split_heading
+
+Row = Sequence[Any]
+LINES_ABOVE = 4
+"""Lines directly above the numbers among which names and units are looked for."""
+_LABELS = {
+    "long name", "name", "names", "tracename", "trace name", "units", "unit", "vunit", "einheit",
+    "einheiten",
+}  # fmt: skip
+"""What programs write in front of a line of names or units."""
+AT_THE_RIGHT = {
+    "", "comment", "comments", "note", "notes", "remark", "remarks", "kommentar", "bemerkung",
+    "start", "increment", "marker",
+}  # fmt: skip
+"""Headings of fields that most lines of numbers end without."""
+_BLANKS = re.compile(r"(?<!/)\s+(?![\[({</])(?![^\[({]*[\])}])")
+"""Blanks between two names: neither before a bracket nor in it, nor next to a lone slash."""
+_BRACKETED = re.compile(r"[\[({<].*[\])}>]")
+
+
+@dataclass
+class Named:
+    """headings, units: (width,) texts; header: the fields of the line with the names; lines: those
+    used, by row; step_s, start_s: given next to the names."""
+
+    headings: list[str]
+    units: list[str]
+    header: list[str] = field(default_factory=list)
+    lines: set[int] = field(default_factory=set)
+    step_s: float = 0.0
+    start_s: float = 0.0
+
+
+@dataclass
+class Numbers:
+    """What names have to fit: width: number of columns; most: fields that each line has, the empty
+    ones at its end included; counts: the first column counts the rows; first_empty: it is empty;
+    decimal: the decimal mark."""
+
+    width: int
+    most: int
+    counts: bool
+    first_empty: bool
+    decimal: str
+
+
+def texts_of(cells: Row) -> list[str]:
+    return ["" if cell is None else str(cell).strip().strip("\"'").strip() for cell in cells]
+
+
+def without_mark(row: Row) -> list[Any]:
+    """Return the fields of a line without its comment mark, up to the last that is not empty."""
+    cells = _unmarked(row)
+    return cells[1:] if len(cells) > 1 and not cells[0] and _is_marked(row) else cells
+
+
+def _unmarked(row: Row) -> list[Any]:
+    cells = list(row)
+    while cells and (cells[-1] is None or not str(cells[-1]).strip()):
+        cells.pop()
+    if cells and isinstance(cells[0], str):
+        cells[0] = re.sub(r"^\s*(#|%|//|!)+\s*", "", cells[0])
+    return cells
+
+
+def _is_marked(row: Row) -> bool:
+    return isinstance(row[0], str) and bool(row[0].strip())
+
+
+def find_names(
+    rows: Sequence[tuple[int, Row]],
+    numbers: Numbers,
+    split: Callable[[int], list[list[str]]] | None,
+) -> Named:
+    """Return the names and units in the lines above the numbers. rows: (number, fields) of the
+    lines that are not empty; split: returns the ways to read a line whose names may hold blanks, if
+    blanks separate."""
+    near: list[tuple[int, list[str]]] = []
+    for i, row in rows[-LINES_ABOVE:]:
+        found = _of_blanks(split(i), numbers) if split else _aligned(row, numbers)
+        near.append((i, found))
+    units = next(
+        (k for k in reversed(range(len(near))) if _is_line_of_units(k, near, numbers)), None
+    )
+    named = [k for k, (_, cells) in enumerate(near) if _may_name(cells, numbers)]
+    over = [k for k in named if k != units]
+    if units is None or not over:
+        units, best = None, max(named, default=None)
+    else:
+        at = units
+        best = max(over, key=lambda k: (_known(near[k][1]), k < at, -abs(k - at)))
+    if units is not None and best is not None and units < best:
+        units = None if any(split_heading(cell)[1] for cell in near[best][1]) else units
+    if best is None:
+        return Named([""] * numbers.width, [""] * numbers.width)
+    line, header = near[best]
+    below = [""] if units is None else near[units][1]
+    width = max(numbers.width, len(header))
+    step_s, start_s = _beside(header, below, numbers.width)
+    return Named(
+        header + [""] * (width - len(header)),
+        (below + [""] * width)[:width],
+        texts_of(without_mark(dict(rows)[line])),
+        {line} if units is None else {line, near[units][0]},
+        step_s,
+        start_s,
+    )
+
+
+def gcs_header(rows: Sequence[tuple[int, Row]], width: int) -> tuple[list[str], float]:
+    """Return (names, sampling period [s] or 0) of the header that PI's controllers write, ([], 0.0)
+    if the lines above the numbers are none."""
+    lines = [" ".join(texts_of(without_mark(row))) for _, row in rows]
+    if "END_HEADER" not in lines:
+        return [], 0.0
+    stated = dict(line.split(" = ", 1) for line in lines if " = " in line)
+    step = number_of(stated.get("SAMPLE_TIME", ""))
+    names = [stated.get(f"NAME{j}", "") for j in range(width)]
+    return names if all(names) else [], step if step and 0.0 < step < math.inf else 0.0
+
+
+def _aligned(row: Row, numbers: Numbers) -> list[str]:
+    """Return the fields of a line such that each is above its column, [] if that is not known."""
+    cells = texts_of(_unmarked(row))
+    sizes = range(numbers.width, max(numbers.most, numbers.width) + 1)
+    if not cells:
+        return []
+    if cells[0].lower() in _LABELS and (numbers.first_empty or len(cells) - 1 in sizes):
+        return ["", *cells[1:]] if numbers.first_empty else cells[1:]
+    if numbers.first_empty and _are_units(cells[1:]) and not find_unit_key(cells[0]):
+        return []  # Yokogawa: "HUnit", "s", "s"
+    if not cells[0] and _is_marked(row) and len(cells) not in sizes:
+        cells = cells[1:]
+    if cells and not cells[0] and _is_marked(row) and not numbers.first_empty:
+        cells[0] = "#"
+    if numbers.counts and len(cells) == numbers.width - 1:
+        return ["", *cells]
+    return cells
+
+
+def _of_blanks(forms: Sequence[Sequence[str]], numbers: Numbers) -> list[str]:
+    """Return the one way to read a line that has as many names as there are columns, [] if there is
+    none, or several."""
+    for size in [numbers.width] + [numbers.width - 1] * numbers.counts:
+        fitting = [cells for cells in forms if len(cells) == size]
+        if fitting:
+            alike = all(cells == fitting[0] for cells in fitting)
+            return [""] * (numbers.width - size) + list(fitting[0]) if alike else []
+    return []
+
+
+def ways_to_split(line: str) -> list[list[str]]:
+    """Return the ways to read a line of names that are separated by blanks and may hold blanks: at
+    two or more, after a closing bracket, at commas, or at each that is not before a bracket."""
+    line = re.sub(r"^\s*(#|%|//|!)+\s*", "", line).strip()
+    if '"' in line:
+        return [next(csv.reader([line], delimiter=" ", skipinitialspace=True), [])]
+    forms = [re.split(form, line) for form in (r"\s{2,}", r"(?<=[\])])\s+", r"\s*[,;]\s*")]
+    if len(forms[-1]) == 1:
+        plain = line.split()
+        forms.append(plain if all(map(_BRACKETED.fullmatch, plain)) else _BLANKS.split(line))
+    return [[cell.rstrip(",; ") for cell in cells] for cells in forms]
+
+
+def _are_units(cells: Row) -> bool:
+    texts = [text for text in texts_of(cells) if text]
+    known = [text for text in texts if find_unit_key(text) or text.lower() == "sequence"]
+    return bool(known) and 2 * len(known) > len(texts)
+
+
+def _is_line_of_units(k: int, near: Sequence[tuple[int, list[str]]], numbers: Numbers) -> bool:
+    """Return whether line k holds units; one that is not directly above the numbers has no other
+    text in front, as in "Vertical Units,V,V" of a preamble."""
+    cells = near[k][1][: numbers.width]
+    in_front = next((cell for cell in cells if cell), "")
+    return _are_units(cells) and (k == len(near) - 1 or _are_units([in_front]))
+
+
+def _may_name(cells: Sequence[str], numbers: Numbers) -> bool:
+    """Return whether these can be the names: one for each column, and no value among them, which
+    "1" and "2" are not."""
+    if "=" in cells:  # a parameter
+        return False
+    further = cells[max(numbers.width, numbers.most) :]
+    if len(cells) < numbers.width or any(c.lower() not in AT_THE_RIGHT for c in further):
+        return False
+    values = [number_of(cell, numbers.decimal) for cell in cells]
+    plain = [re.fullmatch(r"\d\d?", cell) for cell in cells]
+    return None in values and all(
+        v is None or math.isnan(v) or short for v, short in zip(values, plain, strict=True)
+    )
+
+
+def _known(cells: Sequence[str]) -> int:
+    """Return how many of these headings name a role."""
+    return sum(bool(role_of(cell, "")[0]) for cell in cells if cell)
+
+
+def _beside(over: Row, below: Row, width: int) -> tuple[float, float]:
+    """Return the increment and start given next to the headings, as some oscilloscopes write
+    them."""
+    names = [str(cell).strip().lower() for cell in over]
+    out = []
+    for name in ("increment", "start"):
+        at = names.index(name) if name in names else -1
+        value = number_of(below[at]) if width <= at < len(below) else None
+        out.append(value if value is not None and math.isfinite(value) else 0.0)
+    return out[0], out[1]
+
+
+def apart(headings: Sequence[str]) -> list[str]:
+    """Make headings unique."""
+    out: list[str] = []
+    for heading in headings:
+        number, text = 2, heading
+        while text and text in out:
+            text, number = f"{heading}.{number}", number + 1
+        out.append(text)
+    return out

@@ -1,0 +1,136 @@
+"""Find the lines of numbers in a text or a sheet, and their decimal mark."""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dehyst.daemon.files.foreign.fields import GROUPED, GROUPED_BY_POINTS, number_of
+from dehyst.daemon.files.foreign.headings import Row
+
+NUMBER, MISSING, TEXT = 1, 0, -1
+
+
+def kinds_of(row: Row, decimal: str) -> list[int]:
+    """Return what each field of a row is: NUMBER, TEXT or MISSING."""
+    values = [number_of(cell, decimal) for cell in row]
+    return [TEXT if v is None else MISSING if math.isnan(v) else NUMBER for v in values]
+
+
+def length_of(row: Row) -> int:
+    size = len(row)
+    while size and (row[size - 1] is None or not str(row[size - 1]).strip()):
+        size -= 1
+    return size
+
+
+@dataclass
+class _Run:
+    """Lines of numbers one after another: how much they explain, the first and the last, and the
+    numbers of fields that they can have, without and with the empty ones at the end of a line."""
+
+    gain: int
+    first: int
+    last: int
+    least: int
+    most: int
+
+
+def _find_run(rows: Sequence[Row], kinds: Sequence[Sequence[int]]) -> _Run:
+    """Return the lines of numbers that explain most. Empty fields cost nothing: a column may hold
+    few numbers, or begin late."""
+    runs = [_Run(0, 0, 0, 0, 0)]
+    open_run = False
+    for i, (row, kind) in enumerate(zip(rows, kinds, strict=True)):
+        numbers, texts, size = kind.count(NUMBER), kind.count(TEXT), length_of(row)
+        if not numbers and not texts:
+            continue
+        if not numbers or numbers < texts:
+            open_run = False
+            continue
+        run = runs[-1]
+        least, most = max(run.least, size), min(run.most, len(row))
+        if not open_run or least > most:
+            run = _Run(0, i, i, size, len(row))
+            runs.append(run)
+            least, most, open_run = size, len(row), True
+        run.gain, run.last = run.gain + numbers - texts, i
+        run.least, run.most = least, most
+    return max(runs, key=lambda run: run.gain)
+
+
+def score(rows: Sequence[Row], decimal: str) -> tuple[int, int, int]:
+    """Return (how much a layout explains of these rows, first row of numbers, number of
+    columns)."""
+    kinds = [kinds_of(row, decimal) for row in rows]
+    run = _find_run(rows, kinds)
+    width, first = run.least, run.first
+    if run.gain <= 0:
+        return 0, 0, 0
+    named = any(len(kind) >= width and NUMBER not in kind for kind in kinds[:first])
+    labels = sum(kind[0] == TEXT for kind in kinds[first : run.last + 1] if kind)
+    if not named and 2 * labels < run.last + 1 - first:
+        while kinds[first][0] == TEXT:  # "Samples,400" above two columns without names
+            first += 1
+    # rows before the longest run belong to it if they have numbers in the same columns
+    share = [sum(k[j] == NUMBER for k in kinds[first:] if len(k) > j) for j in range(width)]
+    sure = [j for j in range(width) if 2 * share[j] > max(share)]
+    noted = [any(k[j] == TEXT for k in kinds[first:] if len(k) > j) for j in range(width)]
+    for i in range(first):
+        size = length_of(rows[i])
+        other = any(k == TEXT and not n for k, n in zip(kinds[i], noted, strict=False))
+        if len(kinds[i]) <= max(sure) or other or any(kinds[i][j] == TEXT for j in sure):
+            continue
+        if 2 * sum(kinds[i][j] == NUMBER for j in sure) < len(sure):
+            continue
+        whole = all(TEXT not in kind for kind in kinds[i:first])
+        if size <= width + 1 or whole:  # or lines that were joined
+            return run.gain, i, width
+    begin = first
+    while first > 0 and _is_short_row(kinds[first - 1]):
+        first -= 1
+    over = kinds[first - 1] if 0 < first < begin else []
+    return run.gain, first if len(over) >= width and TEXT in over else begin, width
+
+
+def _is_short_row(kind: Sequence[int]) -> bool:
+    return TEXT not in kind and kind.count(NUMBER) > 1
+
+
+def find_decimal(rows: Sequence[Row], habit: str = "") -> tuple[str, str]:
+    """Return (decimal mark, a field that leaves it open or ""). habit: the mark to take where all
+    numbers leave it open ("12,586" is one number with a decimal comma and another with thousands
+    apart), unless some have a point."""
+    if not any(isinstance(cell, str) and "," in cell for row in rows for cell in row):
+        return ".", ""
+    gain, first, width = score(rows, ".")
+    other = score(rows, ",")
+    if other[0] > gain:
+        return ",", _unclear_point(rows[other[1] :], other[2])
+    if gain > other[0] or not gain:
+        return ".", ""
+    unclear = ""
+    for cells in _columns_of(rows[first:], width):
+        grouped = next((cell for cell in cells if GROUPED.fullmatch(cell)), "")
+        if grouped and any(re.fullmatch(r"[+-]?\d{1,3}", cell) for cell in cells):
+            return ".", ""  # only numbers from 1000 on have a comma
+        unclear = unclear or grouped
+        habit = "" if any(map(GROUPED_BY_POINTS.fullmatch, cells)) else habit
+    if not unclear and any(":" in c and "," in c for row in rows[first:] for c in map(str, row)):
+        unclear = _unclear_point(rows[first:], width)  # a clock's comma does not decide
+        habit = ""
+    return (habit, "") if unclear and habit else (".", unclear)
+
+
+def _columns_of(rows: Sequence[Row], width: int) -> list[list[str]]:
+    return [[str(row[j]).strip(" \"'") for row in rows if len(row) > j] for j in range(width)]
+
+
+def _unclear_point(rows: Sequence[Row], width: int) -> str:
+    """Return a field such as "50.123" of a column in which nothing shows whether the points are
+    decimal or set thousands apart, next to decimal commas in other columns; "" if there is none."""
+    for cells in _columns_of(rows, width):
+        grouped = next((cell for cell in cells if GROUPED_BY_POINTS.fullmatch(cell)), "")
+        if grouped and not any(re.fullmatch(r"[+-]?\d{1,3}|[^:]*,.*", cell) for cell in cells):
+            return grouped
+    return ""
