@@ -194,7 +194,7 @@ def npz(path: Path) -> None:
 BY_NUMBER = ReadOptions({"t": 0, "u": 1, "y": 2}, unit="um")
 KINDS: dict[str, tuple[Callable[[Path], None], ReadOptions]] = {
     "a.h5": (h5, ReadOptions()),
-    "foreign.h5": (h5_foreign, ReadOptions({"y": "Länge"})),
+    "foreign.h5": (h5_foreign, ReadOptions()),
     "table.h5": (h5_table, ReadOptions()),
     "seven.mat": (mat73, ReadOptions()),
     "nested.mat": (mat, ReadOptions()),
