@@ -173,6 +173,8 @@ def diagnose(
     """
     recordings = _with_distinct_names(take_recordings(data, units, need_displacement=True))
     in_use = None if model is None else take_model(model)
+    if in_use is not None:  # findings are told by the names of the files
+        recordings = [replace(_in_unit_of(in_use, one), name=one.name) for one in recordings]
     with ThreadPoolExecutor(THREADS) as threads:
         found = diagnosis.diagnose(recordings, in_use, progress, threads.map)
     return Diagnosed(found, tuple(recordings))

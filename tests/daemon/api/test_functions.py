@@ -102,6 +102,17 @@ def test_a_diagnosis_from_arrays(run: dict[str, np.ndarray], found: Any, tmp_pat
     assert out._repr_html_().startswith('<div class="dehyst">')
 
 
+def test_a_model_in_another_length_takes_the_recording(
+    run: dict[str, np.ndarray], found: Any
+) -> None:
+    small = {"t_s": run["t_s"], "u_v": run["u_v"], "y_nm": 1e3 * run["y_um"]}
+    done = [dehyst.diagnose(one, model=found) for one in (run, small)]
+    assert done[1].verdict == done[0].verdict
+    assert done[1].details.unit == "um"
+    (rms, same), (other, key) = [next(iter(one.details.rms["model"].items())) for one in done]
+    assert (other, key) == (rms, pytest.approx(same, rel=1e-6))
+
+
 def test_results_show_themselves(run: dict[str, np.ndarray], found: Any) -> None:
     t, u = run["t_s"], run["u_v"]
     shown = {
