@@ -1,13 +1,13 @@
 """The command line: `dehyst COMMAND ...`, with one module of dehyst.daemon.commands per command."""
 
 import argparse
-import errno
 import importlib
 import os
 import signal
 import sys
 import warnings
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
+from pathlib import Path
 from typing import Any, NoReturn
 
 # before numpy is imported: on matrices as small as ours, BLAS threads cost fifty times their gain
@@ -165,11 +165,17 @@ def _in_hertz(command: str | None, arguments: list[str]) -> list[str]:
     out = list(arguments)
     for i, word in enumerate(out):
         after = out[i + 1] if i + 1 < len(out) else ""
-        if command == "identify" and word == "--rate" and after.replace(".", "", 1).isdigit():
+        if command == "identify" and word == "--rate" and _is_number(after):
             out[i] = "--rate-hz"
         elif command == "identify" and word.startswith("--rate="):
             out[i] = word.replace("--rate=", "--rate-hz=", 1)
     return out
+
+
+def _is_number(text: str) -> bool:
+    with suppress(ValueError):
+        return float(text) > 0.0 and not Path(text).exists()
+    return False
 
 
 def _reporting_compilation(command: str | None, said_by: str) -> AbstractContextManager[None]:
@@ -184,7 +190,7 @@ def _reporting_compilation(command: str | None, said_by: str) -> AbstractContext
     return compiling_reported(said_by, in_pipes=process, ends=not process)
 
 
-def _one_line(error: Exception) -> str:
+def _one_line(error: Exception | str) -> str:
     """Return an error as one line for the screen: escaped, and shortened in the middle if long."""
     text = printable(" ".join(str(error).split()))
     return text if len(text) <= LONGEST_LINE else f"{text[:300]} ... {text[-300:]}"
@@ -218,10 +224,11 @@ def main(argv: list[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output has gone, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
+    except OSError as error:  # a full disk, a folder that is not there, a name that is too long
+        if error.errno is None:
             raise
-        print(f"{said_by}: {_one_line(error)}", file=sys.stderr)
+        where = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        print(f"{said_by}: {_one_line(where)}", file=sys.stderr)
         return 2
     except (KeyboardInterrupt, SystemError) as error:
         # in a callback from compiled code, the interrupt is the cause of a SystemError

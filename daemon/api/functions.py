@@ -5,6 +5,7 @@ Columns by name are a dict {"t_s": ..., "u_v": ..., "y_um": ...} or a pandas.Dat
 `Model`, a path, a shipped name, or a result that holds one.
 """
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -131,6 +132,10 @@ def invert(
     period [s]; unit: unit of an array of targets. Raises BadInput or BadRecording if the trajectory
     cannot be used.
     """
+    if mode != "auto" and preview is None:
+        raise BadInput(f"mode {mode!r} is one of the daemon's: give the look-ahead too (preview)")
+    if start is not None and not math.isfinite(start):
+        raise BadInput(f"start: {start!r} is not a finite drive")
     model = take_model(model)
     trajectory = take_trajectory(data, unit or model.displacement_unit)
     t_s, target, step = spaced_evenly(trajectory, target_in_unit(trajectory, model), period)
@@ -200,17 +205,18 @@ def validate(models: Any, *data: Any, units: tuple[str, str] = UNITS) -> Validat
 def _in_unit_of(model: Model, one: Recording) -> Recording:
     """Return a recording with its lengths in the model's unit, which its name then states."""
     unit, wanted = one.displacement_unit, model.displacement_unit
-    if unit == wanted or one.displacement is None or not {unit, wanted} <= LENGTHS.keys():
+    if unit == wanted or not {unit, wanted} <= LENGTHS.keys():
         return one
     factor = LENGTHS[unit] / LENGTHS[wanted]
     axes = {key: AXIS_CHANNEL.fullmatch(key) for key in one.channels}
     others = {k: one.channels[k] * factor for k, axis in axes.items() if axis and not axis[2]}
+    y = one.displacement
     return replace(
         one,
-        displacement=one.displacement * factor,
+        displacement=None if y is None else y * factor,
         displacement_unit=wanted,
         channels={**one.channels, **others},
-        name=f"{one.name} ({unit}, as {wanted})",
+        name=one.name if y is None else f"{one.name} ({unit}, as {wanted})",
     )
 
 

@@ -300,7 +300,11 @@ class Diagnosed:
 
     @cached_property
     def model(self) -> Model:
-        """The augmented model, with the recordings to which it was fitted."""
+        """The augmented model, with the recordings to which it was fitted; the model in use as it
+        was given, where no other predicts better."""
+        model = self.details.model
+        if model.provenance.created and model == self.details.base_model:
+            return model
         return with_provenance(self.details.model, "dehyst diagnose", self.recordings)
 
     def to_dict(self) -> dict[str, Any]:

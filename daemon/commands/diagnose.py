@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from dehyst.daemon.api.functions import diagnose, load_model
 from dehyst.daemon.files.foreign.reading import add_reading
-from dehyst.daemon.files.given_recordings import read_given
+from dehyst.daemon.files.given_recordings import read_given, say_converted
 from dehyst.daemon.files.outputs import check_outputs
 from dehyst.models.errors import BadInput
 from dehyst.models.recording import Recording
@@ -47,6 +47,8 @@ def run(args: argparse.Namespace) -> int:
     check_outputs(results, [*args.recordings, args.model], force=False)
     recordings = _read(args)
     model = load_model(args.model) if args.model else None
+    if model is not None:
+        say_converted(recordings, model.displacement_unit)
     try:
         args.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -107,6 +107,8 @@ def run(args: argparse.Namespace) -> int:
         if args.stop or args.release:
             stage.stop() if args.stop else stage.release()
             say_end(stage, after_a_stop if args.stop else released)
+            if args.json:
+                print_json({"stopped" if args.stop else "released": list(stage)})
             return 0
         if "" in targets:
             if len(stage) > 1:

@@ -6,7 +6,7 @@ from pathlib import Path
 from dehyst.daemon.api.functions import load_model, simulate
 from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.files.foreign.reading import add_reading
-from dehyst.daemon.files.given_recordings import read_one_given
+from dehyst.daemon.files.given_recordings import read_one_given, say_converted
 from dehyst.daemon.files.outputs import add_force, check_outputs
 
 NEARLY_ALL = 0.9995
@@ -35,7 +35,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate and write; return 0."""
     check_outputs([args.output], [args.model, args.recording], args.force)
-    found = simulate(load_model(args.model), read_one_given(args.recording, args))
+    model, recording = load_model(args.model), read_one_given(args.recording, args)
+    say_converted([recording], model.displacement_unit)
+    found = simulate(model, recording)
     found.save(args.output, force=args.force)
     error, unit, rows = found.error, found.unit, found.recording.size
     settled = error if error and error.rows_settled else None

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dehyst.daemon.files.axis_columns import LENGTHS
 from dehyst.daemon.files.foreign.reading import reading_of
 from dehyst.daemon.files.recordings import read_recording, read_recordings
 from dehyst.daemon.files.times import doubt_seconds
@@ -51,6 +52,14 @@ def read_one_given(path: Path, args: argparse.Namespace, min_rows: int = 1) -> R
         say_read(_doubt(recording))
     say_read(recording.defects())
     return recording
+
+
+def say_converted(recordings: Iterable[Recording], unit: str) -> None:
+    """Report recordings whose lengths are converted to a model's unit."""
+    for one in recordings:
+        own = one.displacement_unit
+        if own != unit and one.displacement is not None and {own, unit} <= LENGTHS.keys():
+            say_read(f"{one.name}: its lengths are in {own}, converted to the model's {unit}")
 
 
 def say_defects(name: str, columns: Mapping[str, Floats]) -> None:

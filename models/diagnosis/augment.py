@@ -98,9 +98,12 @@ def with_rows_early(model: Model, data: Data) -> Model:
 
 def state_fit(model: Model, data: Data, fit: Fit) -> Model:
     """Return the model with what it was fitted to: its errors, and how fast and how slow the drive
-    was. A model that states its errors keeps them. data: all samples."""
+    was. A model that states its errors keeps them; one that is not finite is not known. data: all
+    samples."""
     if model.fit.rms is not None:
         return model
+    figures = (fit.rms, fit.holdout_rms, fit.noise_rms)
+    fit = Fit(*(x if x is not None and np.isfinite(x) else None for x in figures))
     each = [data.rec == i for i in range(len(data.names))]
     bands = [measure_band_hz(data.u[k], data.period) for k in each]
     slowest = max(measure_slowest_s(data.t[k], data.u[k], data.span) for k in each)

@@ -97,9 +97,12 @@ def _report(
         locate=locate(whole, left, found.sigma),
         tried=tuple(_tried(found.counted, found)),
     )
-    fit = Fit(diagnosis.before_after[1], rms["heldout_augmented"], judged.noise)
     say("done", 1.0)
-    return replace(diagnosis, model=state_fit(model, whole, fit))
+    if diagnosed.given and not written.gained:
+        return diagnosis  # the model in use stays as it was given
+    fit = Fit(diagnosis.before_after[1], rms["heldout_augmented"], judged.noise)
+    stated = state_fit(model, whole, fit)
+    return replace(diagnosis, model=stated, base_model=base_model if written.gained else stated)
 
 
 def _with_sighting(
@@ -136,12 +139,13 @@ def _describe_trial(t: CandidateTrial, n: int) -> str:
 
 def _views(data: Data, recordings: Sequence[Recording], models: Sequence[Model]) -> list[FitView]:
     """Return each recording with the predictions of the model in use and of the written model,
-    simulated on the recording as it is. data: all samples."""
+    simulated on the recording as it is: rows without a channel that a model reads do not count.
+    data: all samples."""
     out = []
     for i, one in enumerate(recordings):
         k = (data.rec == i) & (data.raw_index >= 0)
         said = [replay_recording(m, one).predicted[data.raw_index[k]] for m in models]
-        y, counted = data.y[k], data.rows[k]
+        y, counted = data.y[k], data.rows[k] & np.isfinite(said).all(axis=0)
         base, full = (x + _level(y - x, counted) for x in said)
         out.append(FitView(one.name, data.t[k], data.u[k], y, base, full, counted))
     return out

@@ -97,7 +97,11 @@ def test_a_diagnosis_from_arrays(run: dict[str, np.ndarray], found: Any, tmp_pat
     report = out.save(tmp_path / "findings")
     assert report.read_text("utf-8").startswith("<!DOCTYPE html>")
     assert (tmp_path / "findings" / "diagnosis.json").exists()
-    assert dehyst.load_model(tmp_path / "findings" / "model.toml").hysteresis.n > 0
+    written = dehyst.load_model(tmp_path / "findings" / "model.toml")
+    assert written.hysteresis.n > 0
+    # nothing predicts better: the model in use stays, with the recordings that it was identified of
+    assert out.details.model == out.details.base_model
+    assert written.provenance == found.model.provenance
     assert out.verdict in str(out)
     assert out._repr_html_().startswith('<div class="dehyst">')
 
@@ -162,6 +166,8 @@ def test_nothing_is_printed_and_what_is_given_stays_as_it_is(
         (lambda: dehyst.invert("paper-eq12", [0, 1]), "one trajectory"),
         (lambda: dehyst.invert("paper-eq12", [0, 1e-3], [1, np.nan]), "target_um is missing"),
         (lambda: dehyst.invert("paper-eq12", [0, 1, 3], [1, 2, 2]), "period"),
+        (lambda: dehyst.invert("paper-eq12", [0, 1], [1, 2], mode="causal"), "preview"),
+        (lambda: dehyst.invert("paper-eq12", [0, 1], [1, 2], start=np.nan), "start"),
     ],
 )
 def test_what_cannot_be_taken_is_refused_in_one_line(call: Any, says: str) -> None:

@@ -222,3 +222,14 @@ def test_a_file_appears_complete_or_not_at_all(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["x.csv", "x.csv.part"]
     with pytest.raises(BadInput), whole_file(tmp_path):
         pass
+
+
+@pytest.mark.parametrize("folder", ["there", "there/deeper"])
+def test_a_place_that_cannot_be_made_is_told_in_one_line(
+    folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "there").write_text("a file")
+    assert main(["demo", "-o", str(tmp_path / folder)]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert [line for line in said if line.startswith(f"dehyst demo: {tmp_path / folder}: ")]
+    assert not [line for line in said if "Traceback" in line or "Errno" in line]

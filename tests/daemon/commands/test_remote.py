@@ -142,7 +142,9 @@ def test_send(shared: Bench) -> None:
     reach = shared.client().status().reach_max
     assert f"44 um cannot be reached: going to {reach:.6g} um, the nearest" in err
     assert run("send", "nan", bench=shared)[0] == 2
-    assert run("send", "--stop", bench=shared)[0] == 0
+    for what, done in (("--stop", "stopped"), ("--release", "released")):
+        code, out, _ = run("send", what, "--json", bench=shared)
+        assert (code, json.loads(out)) == (0, {done: ["bench"]})
     code, _, err = run("send", "4", "--name", "nobody", bench=shared)
     assert (code, "there are: bench" in err) == (2, True)
 

@@ -167,6 +167,22 @@ def test_the_written_file_claims_what_was_found_and_where(found: Diagnosis) -> N
     assert (range_.slowest_s or 0.0) > 0.0
 
 
+def test_rows_without_a_channel_count_for_neither_model() -> None:
+    """The written model drifts with the temperature, which was not read in three rows."""
+    one = scan(1)
+    assert one.displacement is not None
+    temp_c = 20.0 + np.sin(2.0 * np.pi * one.t_s / 3.0)
+    y = one.displacement + 0.3 * (temp_c - 20.0)
+    temp_c[[100, 2000, 3999]] = np.nan
+    found = diagnose_without_limits([replace(one, displacement=y, channels={"temp_c": temp_c})])
+    assert found.findings[0].name in ("drift", "coupling")
+    (view,) = found.views
+    assert view.held_out.sum() == np.isfinite(view.base + view.augmented)[view.held_out].sum()
+    for figure in (*found.before_after, loads(dumps(found.model)).fit.rms):
+        assert figure is not None
+        assert np.isfinite(figure)
+
+
 @pytest.mark.parametrize(("share", "leads", "most"), [(1.0, True, 0.1), (0.1, False, 1.01)])
 def test_a_mode_behind_held_commands_is_handed_out_with_a_lead_where_that_is_better(
     share: float, leads: bool, most: float

@@ -333,9 +333,16 @@ CHANGES = [
         Change(
             "written-model-claims-nothing",
             "models/diagnosis/steps.py",
-            "    return replace(diagnosis, model=state_fit(model, whole, fit))\n",
-            "    return diagnosis\n",
+            "    stated = state_fit(model, whole, fit)\n",
+            "    stated = model\n",
             "no recording can be worse than a diagnosed model claims",
+        ),
+        Change(
+            "rows-without-a-channel-count",
+            "models/diagnosis/steps.py",
+            " & np.isfinite(said).all(axis=0)",
+            "",
+            "a gap of a channel makes a model file that no tool reads",
         ),
         Change(
             "left-out-rows-are-fitted",

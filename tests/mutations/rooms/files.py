@@ -227,7 +227,7 @@ CHANGES += room(
     ),
     Change(
         "nanometres-are-micrometres", "daemon/api/functions.py",
-        "displacement=one.displacement * factor,", "displacement=one.displacement,",
+        "None if y is None else y * factor", "y",
         "a recording in nm is compared with a model in um a thousand times too large",
         tests=("tests/daemon/commands/test_validate.py",),
     ),
@@ -535,3 +535,23 @@ CHANGES += room(
         "damaged numbers of 16 digits are read as values",
     ),
 )  # fmt: skip
+CHANGES += [
+    *room(
+        ("tests/daemon/files/test_axis_columns.py",),
+        Change(
+            "axis-alone-keeps-its-unit", "daemon/api/functions.py",
+            "    if unit == wanted or not {unit, wanted} <= LENGTHS.keys():\n",
+            "    if unit == wanted or one.displacement is None:\n",
+            "an axis in um moves a model in nm by a thousandth",
+        ),
+    ),
+    *room(
+        ("tests/daemon/api/test_functions.py",),
+        Change(
+            "model-in-use-gets-other-recordings", "daemon/api/results.py",
+            "        if model.provenance.created and model == self.details.base_model:\n",
+            "        if False:\n",
+            "a model states recordings that it was never fitted to",
+        ),
+    ),
+]  # fmt: skip
