@@ -14,6 +14,7 @@ from dehyst.models.diagnosis.data.survey import BUTTERFLY, ONE_SIDE, centred_res
 from dehyst.models.diagnosis.findings.decide import next_experiment
 from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.findings.repeated_search import RepeatedSearch
+from dehyst.models.diagnosis.findings.reported import is_narrow
 from dehyst.models.diagnosis.findings.shape import mark_not_contained
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState
 from dehyst.models.diagnosis.result import Diagnosis, Finding, FitView, Value
@@ -69,7 +70,7 @@ def _report(
     if not written.contains_shape:
         findings = tuple(mark_not_contained(f) for f in findings)
     for candidate, sighting in searched.seen:
-        findings = _with_sighting(findings, candidate, sighting)
+        findings = with_sighting(findings, candidate, sighting)
     model = with_rows_early(written.model, whole)
     base_model = diagnosed.model if diagnosed.given else with_rows_early(diagnosed.model, whole)
     views = tuple(_views(whole, recordings, (base_model, model)))
@@ -105,10 +106,11 @@ def _report(
     return replace(diagnosis, model=stated, base_model=base_model if written.gained else stated)
 
 
-def _with_sighting(
+def with_sighting(
     findings: Sequence[Finding], candidate: Candidate, sighting: Sighting
 ) -> tuple[Finding, ...]:
-    """Return the findings; the one that was seen directly gets the evidence of its sighting."""
+    """Return the findings; the one that was seen directly gets the evidence of its sighting, with
+    the values that it fixes."""
     values = {key: Value(*interval) for key, interval in sighting.intervals.items()}
 
     def same(f: Finding) -> bool:
@@ -118,8 +120,9 @@ def _with_sighting(
             if key in f.parameters  # else its interval was too wide to be reported
         )
 
+    fixed = {key: value for key, value in values.items() if is_narrow(value)}
     return tuple(
-        replace(f, says=sighting.says, parameters=values, ambiguous_with=()) if same(f) else f
+        replace(f, says=sighting.says, parameters=fixed, ambiguous_with=()) if same(f) else f
         for f in findings
     )
 

@@ -22,12 +22,13 @@ from dehyst.models.diagnosis.judge import (
     try_candidate,
     worth_with_companion,
 )
-from dehyst.models.diagnosis.result import Value
+from dehyst.models.diagnosis.result import Finding, Value
 from dehyst.models.diagnosis.search import search
 from dehyst.models.diagnosis.shortlist import ScreenedCandidate, select_for_refit
+from dehyst.models.diagnosis.steps import with_sighting
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
-from dehyst.models.physics.candidate import Candidate
+from dehyst.models.physics.candidate import Candidate, Sighting
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Data, Floats
 
@@ -364,3 +365,17 @@ def test_forms_of_what_the_drive_causes_keep_no_other_cause_off_the_list() -> No
     ranked = [ScreenedCandidate(candidate(data, key), (), 20.0 - k) for k, key in enumerate(keys)]
     listed = [p.candidate.key for p in select_for_refit(ranked, 5)]
     assert listed == ["friction", *late[:5], "coupling-u2_v"]
+
+
+def test_a_value_that_a_sighting_leaves_open_is_not_reported() -> None:
+    delay = candidate(make(), "delay")
+    fields = {"place": "drive", "title": "", "equation": "", "source": "", "says": ""}
+    seen = {"delay_s": (1e-3, 0.9e-3, 1.1e-3, "s"), "gain": (1.0, -0.2, 2.2, "")}
+    values = {key: Value(*interval) for key, interval in seen.items()}
+    one = Finding(
+        "delay", "delay", share=0.5, evidence={}, parameters=values, ambiguous_with=(), where={},
+        **fields,
+    )  # fmt: skip
+    (reported_,) = with_sighting([one], delay, Sighting((1e-3,), seen, "It is late."))
+    assert list(reported_.parameters) == ["delay_s"]
+    assert reported_.says == "It is late."
