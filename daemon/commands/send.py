@@ -108,7 +108,8 @@ def run(args: argparse.Namespace) -> int:
             stage.stop() if args.stop else stage.release()
             say_end(stage, after_a_stop if args.stop else released)
             if args.json:
-                print_json({"stopped" if args.stop else "released": list(stage)})
+                names = [client.name for client in stage.clients.values()]
+                print_json({"stopped" if args.stop else "released": names})
             return 0
         if "" in targets:
             if len(stage) > 1:
