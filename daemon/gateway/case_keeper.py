@@ -46,7 +46,7 @@ class CaseKeeper:
         self._config, self._history = config, history
         self._rate_hz = 1e9 / config.period_ns
         self._good: deque[NDArray[Any]] = deque(maxlen=STRETCHES)
-        self._motion_s = 0
+        self._motion_s = self._good_from = 0
         self._folder: Path | None = None
         self._origin, self._first, self._end = 0.0, 0, -1
         self._lead = min(MOST_ROWS, round(LEAD_S * self._rate_hz))
@@ -54,15 +54,26 @@ class CaseKeeper:
     def restart(self) -> None:
         """Forget good stretches and the open case, after a new run or a new model."""
         self._good.clear()
-        self._motion_s, self._end = 0, -1
+        self._motion_s, self._good_from, self._end = 0, 0, -1
+
+    def note_mismatch(self, seq: int, wrong: bool) -> None:
+        """Note that a mismatch begins or ends at sample `seq`. From SPARE_S before its flag to its
+        end nothing is good: a stage that rests, or is moved slowly, matches its model again while
+        the cause is still there."""
+        if wrong:
+            before = seq - round(SPARE_S * self._rate_hz)
+            kept = [s for s in self._good if s.size and int(s["seq"][-1]) <= before]
+            self._good = deque(kept, maxlen=STRETCHES)
+        else:
+            self._good_from = seq
 
     def keep_good_stretch(self, seq: int, motion_s: int) -> None:
         """Keep a good stretch if due: the stage matches its model at sample `seq` and has moved
         for `motion_s` in total."""
-        if motion_s - self._motion_s < EVERY_S:
+        count = min(MOST_ROWS, round(GOOD_S * self._rate_hz))
+        if motion_s - self._motion_s < EVERY_S or 0 < self._good_from > seq + 1 - count:
             return
         self._motion_s = motion_s
-        count = min(MOST_ROWS, round(GOOD_S * self._rate_hz))
         self._good.append(self._history.get(seq + 1 - count - self._lead, seq + 1))
 
     def begin(

@@ -184,6 +184,7 @@ class MismatchWatch:
             self._report(1, "mismatch", "the stage behaves like its model again")
         if wrong != self.mismatch:
             self.trust(not wrong)
+            self._cases.note_mismatch(seq, wrong)
         self.mismatch = wrong
         if not wrong:
             self._cases.keep_good_stretch(seq, watch.motion_s)

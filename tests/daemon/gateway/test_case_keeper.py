@@ -11,6 +11,7 @@ from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import Case
 from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.files.recordings import read_recording
+from dehyst.daemon.gateway.case_keeper import CaseKeeper
 from dehyst.daemon.gateway.history import TelemetryHistory
 from dehyst.daemon.gateway.mismatch import MismatchWatch
 from dehyst.daemon.rings.records import TELEMETRY, State
@@ -106,3 +107,39 @@ def test_a_change_becomes_a_case_with_the_last_good_recording_and_what_came_late
     assert any("recording kept" in text for text in reported)
     cases.drop_case(folder.with_suffix(".csv"))
     assert not folder.exists()
+
+
+def test_nothing_is_good_while_the_stage_is_flagged_and_shortly_before(tmp_path: Path) -> None:
+    """The flag comes and goes with the motion, and the cause stays."""
+    save_model(model(), tmp_path / "model.toml")
+    config = parse_config(f'run_dir = "{tmp_path}"\n{CONFIG}{MORE}')
+    history = TelemetryHistory(200_000)
+    records = np.zeros(round(150.0 * RATE_HZ), TELEMETRY)
+    records["seq"] = np.arange(records.size)
+    records["scheduled_ns"] = records["seq"] * PERIOD_NS
+    records["state"] = State.RUNNING
+    records["measured"] = records["seq"] / RATE_HZ  # the time
+    keeper = CaseKeeper(config, history)
+
+    def at(seconds: float) -> int:
+        return round(seconds * RATE_HZ)
+
+    history.add(records)
+    for seconds in (40.0, 55.0, 64.0):  # the last of them within SPARE_S of the flag
+        keeper.keep_good_stretch(at(seconds), round(seconds))
+    keeper.note_mismatch(at(70.0), wrong=True)
+    keeper.note_mismatch(at(80.0), wrong=False)
+    keeper.keep_good_stretch(at(90.0), 90)  # 20 s, half of which was flagged
+    keeper.note_mismatch(at(110.0), wrong=True)
+    case = Case(
+        number=1, name="mismatch-1", time_ns=1, wall_ns=1, figure="gain", low=0.0, high=10.0,
+        slew=100.0, rate_hz=RATE_HZ, later_s=3.0,
+    )  # fmt: skip
+    keeper.begin(
+        config.watch_directory / "mismatch-1.csv", at(110.0), at(112.0), 0.0, case,
+        tmp_path / "model.toml",
+    )  # fmt: skip
+    (folder,) = cases.case_folders(config.watch_directory)
+    good = read_recording(folder / cases.GOOD, need_displacement=True)
+    assert good.displacement is not None
+    assert abs(good.displacement[-1] - 55.0) < 0.1

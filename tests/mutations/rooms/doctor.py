@@ -333,4 +333,18 @@ CHANGES = [
             "an observer can command the stage and accept models",
         ),
     ),
+    *room(
+        ("tests/daemon/gateway/test_case_keeper.py",),
+        Change(
+            "flagged-stretch-is-good", "daemon/gateway/case_keeper.py",
+            " or 0 < self._good_from > seq + 1 - count:", ":",
+            "the doctor says of a new effect that it is not new",
+        ),
+        Change(
+            "just-before-the-flag-is-good", "daemon/gateway/case_keeper.py",
+            'kept = [s for s in self._good if s.size and int(s["seq"][-1]) <= before]',
+            "kept = list(self._good)",
+            "what has begun shortly before its flag is taken for good",
+        ),
+    ),
 ]  # fmt: skip
