@@ -16,7 +16,7 @@ from dehyst.daemon.api.inputs import take_model, take_recordings, take_trajector
 from dehyst.daemon.api.prediction import misfit, predict
 from dehyst.daemon.api.results import Diagnosed, Drive, Identified, Simulated, Validated
 from dehyst.daemon.api.trajectories import channels_along, spaced_evenly, target_in_unit
-from dehyst.daemon.files.axis_columns import LENGTHS
+from dehyst.daemon.files.axis_columns import unit_factor
 from dehyst.daemon.files.foreign.reading import ReadOptions, parse_columns
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.models import diagnosis
@@ -178,8 +178,8 @@ def diagnose(
     """
     recordings = _with_distinct_names(take_recordings(data, units, need_displacement=True))
     in_use = None if model is None else take_model(model)
-    if in_use is not None:  # findings are told by the names of the files
-        recordings = [replace(_in_unit_of(in_use, one), name=one.name) for one in recordings]
+    if in_use is not None:
+        recordings = [_in_unit_of(in_use, one) for one in recordings]
     with ThreadPoolExecutor(THREADS) as threads:
         found = diagnosis.diagnose(recordings, in_use, progress, threads.map)
     return Diagnosed(found, tuple(recordings))
@@ -194,7 +194,7 @@ def validate(models: Any, *data: Any, units: tuple[str, str] = UNITS) -> Validat
     many = [models] if not _is_many(models) else list(models)
     recordings = take_recordings(data, units, need_displacement=True)
     taken = [(_name(m), take_model(m)) for m in many]
-    pairs = [(name, m, _in_unit_of(m, one)) for name, m in taken for one in recordings]
+    pairs = [(name, m, _named_in_unit_of(m, one)) for name, m in taken for one in recordings]
     return Validated(
         tuple(name for name, _, _ in pairs),
         tuple(one for _, _, one in pairs),
@@ -203,11 +203,11 @@ def validate(models: Any, *data: Any, units: tuple[str, str] = UNITS) -> Validat
 
 
 def _in_unit_of(model: Model, one: Recording) -> Recording:
-    """Return a recording with its lengths in the model's unit, which its name then states."""
-    unit, wanted = one.displacement_unit, model.displacement_unit
-    if unit == wanted or not {unit, wanted} <= LENGTHS.keys():
+    """Return a recording with its lengths in the model's unit; as it is where that is no length."""
+    wanted = model.displacement_unit
+    factor = unit_factor(one.displacement_unit, wanted)
+    if factor in (None, 1.0):
         return one
-    factor = LENGTHS[unit] / LENGTHS[wanted]
     axes = {key: AXIS_CHANNEL.fullmatch(key) for key in one.channels}
     others = {k: one.channels[k] * factor for k, axis in axes.items() if axis and not axis[2]}
     y = one.displacement
@@ -216,8 +216,16 @@ def _in_unit_of(model: Model, one: Recording) -> Recording:
         displacement=None if y is None else y * factor,
         displacement_unit=wanted,
         channels={**one.channels, **others},
-        name=one.name if y is None else f"{one.name} ({unit}, as {wanted})",
     )
+
+
+def _named_in_unit_of(model: Model, one: Recording) -> Recording:
+    """Do the same, and state it in the name: models may be in different units."""
+    out = _in_unit_of(model, one)
+    if out is one:
+        return one
+    units = f"{one.displacement_unit}, as {out.displacement_unit}"
+    return replace(out, name=f"{one.name} ({units})")
 
 
 def _is_many(models: Any) -> bool:

@@ -4,7 +4,6 @@ notebook.
 Pictures and pages are made on demand, because importing matplotlib takes time.
 """
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -23,6 +22,7 @@ from dehyst.daemon.files.axis_columns import to_columns
 from dehyst.daemon.files.models import save_model, write_text
 from dehyst.daemon.files.outputs import check_outputs
 from dehyst.daemon.files.recordings import write_recording
+from dehyst.daemon.json_text import json_text
 from dehyst.models.diagnosis import Diagnosis, Finding
 from dehyst.models.drive_design.coverage import Coverage, measure_coverage
 from dehyst.models.errors import BadInput
@@ -305,7 +305,7 @@ class Diagnosed:
         model = self.details.model
         if model.provenance.created and model == self.details.base_model:
             return model
-        return with_provenance(self.details.model, "dehyst diagnose", self.recordings)
+        return with_provenance(model, "dehyst diagnose", self.recordings)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of diagnosis.json."""
@@ -317,7 +317,7 @@ class Diagnosed:
         from dehyst.daemon.report.diagnosis import report_diagnosis
 
         folder = Path(folder)
-        said = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
+        said = json_text(self.to_dict(), indent=2) + "\n"
         write_page(folder / "diagnosis.json", said)
         save_model(self.model, folder / "model.toml")
         names = [one.name for one in self.recordings]

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from dehyst.daemon.files.axis_columns import LENGTHS
+from dehyst.daemon.files.axis_columns import unit_factor
 from dehyst.models.errors import BadInput, BadRecording
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Floats, Model
@@ -18,10 +18,9 @@ def target_in_unit(trajectory: Trajectory, model: Model) -> Floats:
     """Return the targets in the model's displacement unit. Raises BadRecording if they cannot be
     converted."""
     unit, wanted = trajectory.unit, model.displacement_unit
-    if unit == wanted:
-        return trajectory.target
-    if unit in LENGTHS and wanted in LENGTHS:
-        return trajectory.target * (LENGTHS[unit] / LENGTHS[wanted])
+    factor = unit_factor(unit, wanted)
+    if factor is not None:
+        return trajectory.target if factor == 1.0 else trajectory.target * factor
     raise BadRecording(
         f"{trajectory.name}: targets in {unit}, the model's displacement is in {wanted}; "
         f"a column target_{wanted} is needed"

@@ -3,13 +3,9 @@
 import argparse
 import getpass
 import os
-import re
 import socket
 import sys
 from collections.abc import Sequence
-from typing import Any
-
-import msgspec
 
 from dehyst.daemon.client.client import ADDRESS, CREDENTIALS, DEFAULT, Client
 from dehyst.daemon.client.group import Group
@@ -67,19 +63,6 @@ def label_of(what: str) -> str:
     except (OSError, KeyError, ImportError):  # Windows has no pwd
         user = f"user {system.user_id()}"
     return f"dehyst {what} of {user} on {socket.gethostname()}, process {os.getpid()}"
-
-
-def print_json(value: Any) -> None:
-    """Print one JSON value on stdout; NaN becomes null."""
-    print_json_line(value, indent=2)
-
-
-def print_json_line(value: Any, indent: int = -1) -> None:
-    """Print one JSON value on stdout, on one line unless `indent` is given."""
-    text = msgspec.json.format(msgspec.json.encode(value), indent=indent).decode()
-    # JSON escapes characters below the space; terminals also interpret these
-    text = re.sub("[\x7f-\x9f]", lambda mark: f"\\u{ord(mark.group()):04x}", text)
-    sys.stdout.write(text + "\n")
 
 
 def say(text: str) -> None:

@@ -25,8 +25,8 @@ from dehyst.daemon import clock
 from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.group import Group
 from dehyst.daemon.client.player import PATIENCE_S
-from dehyst.daemon.client.positioner import IN_PASSING, POLL_S, REPEATS, SHARE, Stopped, Stops
 from dehyst.daemon.client.readings import AxisView, AxisViews
+from dehyst.daemon.client.staying import IN_PASSING, POLL_S, REPEATS, SHARE, Stopped, Stops
 from dehyst.daemon.client.telemetry import TelemetryStream
 from dehyst.daemon.closing import Closing
 from dehyst.models.errors import BadInput, DehystError, NotNow

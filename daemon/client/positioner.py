@@ -29,46 +29,19 @@ from dehyst.daemon import clock
 from dehyst.daemon.client.client import Client, Refusal
 from dehyst.daemon.client.player import PATIENCE_S
 from dehyst.daemon.client.readings import Flight, Reading, mean_of, model_place
+from dehyst.daemon.client.staying import IN_PASSING, POLL_S, REPEATS, SHARE, Stopped, Stops
 from dehyst.daemon.client.telemetry import NOTHING, TelemetryStream
 from dehyst.daemon.client.tracking import Tracking
 from dehyst.daemon.closing import Closing
 from dehyst.models.errors import BadInput, DehystError, NotNow
 
 log = logging.getLogger(__name__)
-POLL_S = 0.02
-IN_PASSING = ("late", "flood")
-"""Refusals of one message, not of what it asks for: a computer that stands still sends it late."""
-REPEATS = 4  # set-points sent within the time in which one expires
 WORDS = {
     "model": "according to the model",
     "gauge": "according to the gauge",
     "model-alone": "according to the model alone",
 }
 NOISES = 3.0  # standard errors of the mean that are attributed to noise
-SHARE = 0.002
-"""Default tolerance as a fraction of the reach."""
-
-
-class Stopped(Exception):
-    """Raised in a callback to end a trajectory."""
-
-
-class Stops:
-    """Counts the requested stops, so that a flight ends when one was requested after it was,
-    whether the flight has begun or still waits for its turn."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def add(self) -> None:
-        """Count one more; from any thread. Of two at once one may be lost, and the count differs
-        all the same."""
-        self.count += 1
-
-    def check(self, before: int) -> None:
-        """Raise Stopped if one was requested since there were `before`."""
-        if self.count != before:
-            raise Stopped
 
 
 @dataclass

@@ -1,7 +1,6 @@
 """say what physics a model leaves out of a recording, and model it"""
 
 import argparse
-import json
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -14,6 +13,7 @@ from dehyst.daemon.api.functions import diagnose, load_model
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_given, say_converted
 from dehyst.daemon.files.outputs import check_outputs
+from dehyst.daemon.json_text import print_json
 from dehyst.models.errors import BadInput
 from dehyst.models.recording import Recording
 
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         found = diagnose(recordings, model=model, progress=say)
     report = found.save(args.output)
     if args.json:
-        print(json.dumps(found.to_dict(), indent=2, allow_nan=False))
+        print_json(found.to_dict())
     else:
         print(f"{found}\n  {report}")
     return 1 if found.details.found_something else 0

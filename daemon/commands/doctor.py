@@ -7,8 +7,9 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dehyst.daemon.client.connection import add_connection, connect_axes, print_json, say
+from dehyst.daemon.client.connection import add_connection, connect_axes, say
 from dehyst.daemon.files.outputs import add_force
+from dehyst.daemon.json_text import print_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

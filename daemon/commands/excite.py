@@ -5,13 +5,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.config import load_config
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_given
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.files.outputs import add_force, check_outputs, whole_file
 from dehyst.daemon.files.recordings import write_recording
+from dehyst.daemon.json_text import print_json
 from dehyst.models.drive_design.coverage import Coverage, measure_coverage
 from dehyst.models.drive_design.excitation import SINES, Excitation, design
 from dehyst.models.drive_design.separation import EFFECTS, SeparatingDrive, separate
@@ -136,17 +136,8 @@ def _design(args: argparse.Namespace) -> int:
         for a, f in zip(drive.amplitudes, drive.frequencies_hz, strict=True)
     ]
     if args.json:
-        print(
-            json_text(
-                {
-                    "output": str(args.output),
-                    "sines": sines,
-                    "rate_max": drive.rate_max,
-                    **_facts(covered),
-                },
-                indent=2,
-            )
-        )
+        facts = {"sines": sines, "rate_max": drive.rate_max, **_facts(covered)}
+        print_json({"output": str(args.output), **facts})
         return 0
     print(f"{args.output}: {drive.t_s.size} samples, {drive.t_s[-1]:.4g} s")
     for sine in sines:
@@ -176,7 +167,7 @@ def _check(args: argparse.Namespace) -> int:
     missing = [*covered.missing, *covered.missing_rate]
     defects = [text for one in recordings if (text := one.defects())]
     if args.json:
-        print(json_text({**_facts(covered), "defects": defects}, indent=2))
+        print_json({**_facts(covered), "defects": defects})
         return 1 if missing else 0
     low, high = covered.drive_edges[0], covered.drive_edges[-1]
     print(
@@ -248,7 +239,7 @@ def _separate(args: argparse.Namespace) -> int:
     notes["waveform"] = experiment.chosen.waveform.name
     write_recording(args.output, experiment.t_s, {f"u_{unit}": experiment.drive}, notes)
     if args.json:
-        print(json_text(_separation_facts(args, experiment, model), indent=2))
+        print_json(_separation_facts(args, experiment, model))
         return 0
     print(experiment.says)
     print(

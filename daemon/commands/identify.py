@@ -10,10 +10,10 @@ from rich.console import Console
 from dehyst.daemon import clock
 from dehyst.daemon.api.functions import identify
 from dehyst.daemon.api.identification_summary import describe_result, summary
-from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_given
 from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.json_text import print_json
 from dehyst.models.errors import BadInput
 
 
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
             report = found.report(args.report / "report.html", args.output.name)
     result, covered = found.details, found.coverage
     if args.json:
-        print(json_text(summary(result, covered, args.output, seconds, report), indent=2))
+        print_json(summary(result, covered, args.output, seconds, report))
     else:
         print(describe_result(result, covered, args.output, report))
     return 0

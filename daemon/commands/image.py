@@ -4,10 +4,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.api.results import write_page
 from dehyst.daemon.files.outputs import check_outputs, whole_file
 from dehyst.daemon.imaging.experiment import COMPENSATED_LEAST, LEARNED_LEAST, LINES, image
+from dehyst.daemon.json_text import json_text
 from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.models.errors import BadInput
 

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.api.functions import invert
-from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.api.results import Drive
 from dehyst.daemon.files.foreign.reading import add_reading, reading_of
 from dehyst.daemon.files.given_recordings import say_read
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.files.recordings import read_trajectory
+from dehyst.daemon.json_text import print_json_line
 
 EPILOG = """\
 Writes t_s, target, the drive, the model's prediction, and flags (a sum of:
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     notes = {"model": str(args.model), "trajectory": args.trajectory.name}
     made.save(args.output, force=args.force, notes=notes)
     if args.json:
-        print(json_text(_summary(made)))
+        print_json_line(_summary(made))
     else:
         _report(args.output, made)
     return 1 if np.any(made.result.flags & UNREACHABLE) else 0

@@ -6,8 +6,8 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.config import Config, load_config
+from dehyst.daemon.json_text import print_json
 from dehyst.daemon.latency import machine
 from dehyst.daemon.latency.latency import Setup, measure, time_devices
 from dehyst.daemon.latency.latency_report import describe_latency, latency_figures
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     found = machine.facts(setup.cpu)
     hints = machine.advice(found, outcome.obtained, setup.cpu, setup.priority, setup.rate_hz)
     if args.json:
-        print(json_text(latency_figures(outcome, found, hints), indent=2))
+        print_json(latency_figures(outcome, found, hints))
     else:
         print("\n".join(describe_latency(outcome, found, hints, sys.stdout.isatty())))
     return 0 if outcome.held else 1

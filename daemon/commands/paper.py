@@ -3,9 +3,9 @@
 import argparse
 from pathlib import Path
 
-from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.api.results import write_page
 from dehyst.daemon.files.outputs import check_outputs, whole_file
+from dehyst.daemon.json_text import json_text
 from dehyst.daemon.paper.experiments import NOISE_NM, run_experiments
 from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.models.errors import BadInput

@@ -15,12 +15,12 @@ from dehyst.daemon.client.connection import (
     add_connection,
     connect,
     connect_axes,
-    print_json,
     say,
 )
 from dehyst.daemon.client.group import Group
 from dehyst.daemon.files.foreign.reading import add_reading, reading_of
 from dehyst.daemon.files.outputs import check_outputs, file_of_axis
+from dehyst.daemon.json_text import print_json
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:
@@ -184,7 +184,7 @@ def say_what_follows(
     played: "Mapping[str, Played]",
 ) -> None:
     """Stay at the last point if --stay was given, and print what the stage does now."""
-    from dehyst.daemon.client.what_follows import STAYS, after_a_stop, what_follows
+    from dehyst.daemon.terminal.what_follows import STAYS, after_a_stop, what_follows
 
     for axis, client in clients.items():
         stays = args.stay and played[axis].completed

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dehyst import __version__
-from dehyst.daemon.client.connection import add_connection, connect_axes, print_json, say
+from dehyst.daemon.client.connection import add_connection, connect_axes, say
 from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
+from dehyst.daemon.json_text import print_json
 from dehyst.daemon.rings.records import Flag
 from dehyst.models.errors import BadInput, NotNow
 

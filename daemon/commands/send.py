@@ -5,9 +5,10 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from dehyst.daemon.client.connection import add_connection, connect_axes, print_json, say
-from dehyst.daemon.client.what_follows import HELD, STAYS, after_a_stop, what_follows
+from dehyst.daemon.client.connection import add_connection, connect_axes, say
+from dehyst.daemon.json_text import print_json
 from dehyst.daemon.rings.status import place, positioning
+from dehyst.daemon.terminal.what_follows import HELD, STAYS, after_a_stop, what_follows
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:

@@ -6,7 +6,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from dehyst.daemon.client.connection import print_json, say
+from dehyst.daemon.client.connection import say
+from dehyst.daemon.json_text import print_json
 from dehyst.daemon.setup.names import NAMES
 from dehyst.models.errors import BadInput
 

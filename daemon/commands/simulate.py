@@ -4,10 +4,10 @@ import argparse
 from pathlib import Path
 
 from dehyst.daemon.api.functions import load_model, simulate
-from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_one_given, say_converted
 from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.json_text import print_json
 
 NEARLY_ALL = 0.9995
 """Least share of rows outside the validity that the note prints as 100.0 %."""
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
             "rms_without_offset": error and error.rms_without_offset,
             "rms_settled_without_offset": settled and settled.rms_settled_without_offset,
         }
-        print(json_text(said, indent=2))
+        print_json(said)
         return 0
     print(f"{args.output}: {rows} rows, column y_model_{unit}")
     if found.band is not None:

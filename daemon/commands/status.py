@@ -3,7 +3,8 @@
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from dehyst.daemon.client.connection import add_connection, connect_axes, print_json
+from dehyst.daemon.client.connection import add_connection, connect_axes
+from dehyst.daemon.json_text import print_json
 from dehyst.models.errors import DehystError
 
 if TYPE_CHECKING:

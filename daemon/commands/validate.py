@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.api.functions import validate
-from dehyst.daemon.api.json_text import json_text
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_given
 from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.json_text import print_json
 from dehyst.models.errors import BadInput
 from dehyst.models.identify.validation import CLAIM, Validation
 
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     if page is not None:
         found.report(page)
     if args.json:
-        print(json_text([_summary(name, v) for name, _, v in found.rows], indent=2))
+        print_json([_summary(name, v) for name, _, v in found.rows])
     else:
         print(found)
         if page is not None:

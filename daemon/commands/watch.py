@@ -10,10 +10,9 @@ from dehyst.daemon.client.connection import (
     add_connection,
     address_of,
     connect_axes,
-    print_json,
-    print_json_line,
     say,
 )
+from dehyst.daemon.json_text import print_json, print_json_line
 
 if TYPE_CHECKING:
     from dehyst.daemon.client.client import Client

@@ -4,8 +4,9 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
-from dehyst.daemon.client.connection import add_connection, connect_axes, print_json, say
-from dehyst.daemon.client.what_follows import after_the_last
+from dehyst.daemon.client.connection import add_connection, connect_axes, say
+from dehyst.daemon.json_text import print_json
+from dehyst.daemon.terminal.what_follows import after_the_last
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:

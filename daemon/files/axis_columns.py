@@ -42,7 +42,7 @@ def to_channels(
             out[key] = values
             continue
         axis, drive, unit = match.groups()
-        factor = _factor(unit, drive_unit if drive else displacement_unit)
+        factor = unit_factor(unit, drive_unit if drive else displacement_unit)
         name = f"axis.{axis}.drive" if drive else f"axis.{axis}"
         if factor is None or name in out:
             out[key] = values
@@ -59,7 +59,7 @@ def targets_as_channels(columns: Mapping[str, Floats], unit: str) -> dict[str, F
         match = _TARGET.fullmatch(key)
         if match is None or f"axis.{match[1]}" in out:
             continue
-        factor = _factor(match[2], unit)
+        factor = unit_factor(match[2], unit)
         if factor is not None:
             out[f"axis.{match[1]}"] = values * factor
     return out
@@ -81,7 +81,7 @@ def to_columns(
     return out
 
 
-def _factor(unit: str, wanted: str) -> float | None:
+def unit_factor(unit: str, wanted: str) -> float | None:
     """Return the factor from one unit to the other; None if they measure different quantities."""
     if unit == wanted:
         return 1.0

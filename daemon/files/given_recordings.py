@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dehyst.daemon.files.axis_columns import LENGTHS
+from dehyst.daemon.files.axis_columns import unit_factor
 from dehyst.daemon.files.foreign.reading import reading_of
 from dehyst.daemon.files.recordings import read_recording, read_recordings
 from dehyst.daemon.files.times import doubt_seconds
@@ -58,7 +58,7 @@ def say_converted(recordings: Iterable[Recording], unit: str) -> None:
     """Report recordings whose lengths are converted to a model's unit."""
     for one in recordings:
         own = one.displacement_unit
-        if own != unit and one.displacement is not None and {own, unit} <= LENGTHS.keys():
+        if one.displacement is not None and unit_factor(own, unit) not in (None, 1.0):
             say_read(f"{one.name}: its lengths are in {own}, converted to the model's {unit}")
 
 

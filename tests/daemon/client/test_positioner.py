@@ -24,7 +24,8 @@ from tests.rigs.gateway_bench import (
 )
 
 from dehyst.daemon.client.client import Client, Refusal
-from dehyst.daemon.client.positioner import Positioner, Stops, _Going
+from dehyst.daemon.client.positioner import Positioner, _Going
+from dehyst.daemon.client.staying import Stops
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.models.errors import BadInput, DehystError, NotNow
 

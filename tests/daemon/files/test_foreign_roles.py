@@ -232,23 +232,6 @@ def test_a_letter_that_may_be_a_label_is_asked_for(tmp_path: Path, heading: str)
     is_it(read(path, ReadOptions(unit="um")))
 
 
-@pytest.mark.parametrize(
-    ("heading", "unit"),
-    [
-        ("Channel A", ""),
-        ("Weg (Sensor) A", ""),
-        ("Weg / m", "m"),
-        ("Weg in m", "m"),
-        ("Weg [m]", "m"),
-        ("Time_h", "h"),
-        ("temp_c", "c"),
-        ("Strom A", "a"),
-    ],
-)
-def test_a_letter_at_the_end_of_a_heading(heading: str, unit: str) -> None:
-    assert read_heading(heading).unit == unit
-
-
 CONFLICTS = {
     "volts over mV": (
         (S, "Voltage (V)", "Probe (um)"), "s,mV,um", (1, 1e3, 1), ReadOptions(drive_unit="mv")),

@@ -113,6 +113,14 @@ def test_a_quotient_is_no_role_and_stays_a_channel(tmp_path: Path, heading: str)
         ("Sensor D", ""),
         ("Time (days)", "d"),
         ("Voltage (V) (mV)", ""),
+        ("Channel A", ""),
+        ("Weg (Sensor) A", ""),
+        ("Weg / m", "m"),
+        ("Weg in m", "m"),
+        ("Weg [m]", "m"),
+        ("Time_h", "h"),
+        ("temp_c", "c"),
+        ("Strom A", "a"),
     ],
 )
 def test_the_unit_in_a_heading(heading: str, unit: str) -> None:

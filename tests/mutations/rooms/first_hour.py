@@ -119,7 +119,7 @@ CHANGES = [
         ("tests/daemon/test_native_words.py",),
         Change(
             "a-message-tells",
-            "daemon/client/what_follows.py",
+            "daemon/terminal/what_follows.py",
             'STAYS = "stays there until',
             'STAYS = "is told to stay there for so long until',
             "messages use words that are not used in the field",

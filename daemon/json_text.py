@@ -1,0 +1,38 @@
+"""JSON for programs and terminals: what is not a finite number is null, and all of it is ASCII."""
+
+import re
+import sys
+from typing import Any
+
+import msgspec
+import numpy as np
+
+
+def json_text(value: Any, indent: int = -1) -> str:
+    """Return the JSON text of a message, or of nested maps, lists, texts and numbers: on one line
+    unless `indent` is given."""
+    text = msgspec.json.format(msgspec.json.encode(value, enc_hook=_number), indent=indent).decode()
+    # JSON escapes characters below the space; terminals also interpret others
+    return re.sub("[^ -~\n]", _escape, text)
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON value on stdout."""
+    print_json_line(value, indent=2)
+
+
+def print_json_line(value: Any, indent: int = -1) -> None:
+    """Print one JSON value on stdout, on one line unless `indent` is given."""
+    sys.stdout.write(json_text(value, indent) + "\n")
+
+
+def _number(value: Any) -> Any:
+    """Return a number of numpy as one of Python."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} has no JSON form")
+
+
+def _escape(mark: re.Match[str]) -> str:
+    units = mark.group().encode("utf-16-be")
+    return "".join(f"\\u{units[i]:02x}{units[i + 1]:02x}" for i in range(0, len(units), 2))
