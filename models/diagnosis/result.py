@@ -102,8 +102,11 @@ class Limit:
     why: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return one entry of `would_have_seen` in diagnosis.json."""
-        out: dict[str, Any] = {"name": self.name, self.side: _plain(self.value), "unit": self.unit}
+        """Return one entry of `would_have_seen` in diagnosis.json, or of `cannot_be_seen` without a
+        value."""
+        out: dict[str, Any] = {"name": self.name}
+        if self.value is not None:
+            out |= {self.side: _plain(self.value), "unit": self.unit}
         if self.why:
             out["why"] = self.why
         return out
@@ -161,13 +164,16 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data in the format of diagnosis.json."""
+        seen = [x.to_dict() for x in self.would_have_seen if x.value is not None]
+        blind = [x.to_dict() for x in self.would_have_seen if x.value is None]
         return {
             "format": FORMAT,
             "verdict": self.verdict,
             "noise": {"rms": _plain(self.noise), "unit": self.unit},
             "data": self.data.to_dict(),
             "effects": [f.to_dict() for f in self.findings],
-            "would_have_seen": [limit.to_dict() for limit in self.would_have_seen],
+            "would_have_seen": seen,
+            "cannot_be_seen": blind,
             "rms": _plain(self.rms),
             "next_experiment": self.next_experiment,
         }

@@ -45,7 +45,7 @@ UNITS: dict[str, tuple[str, str, float]] = {
     "k": (OTHER, "k", 1.0),
     "%": (OTHER, "percent", 1.0),
 }
-TIME_UNITS = ("s", "ms", "us")
+TIME_UNITS = ("s", "ms", "us", "ns", "min", "h")
 DRIVE_UNITS = ("v", "mv", "kv", "um", "nm", "pm", "mm", "m", "counts", "mrad", "urad")
 DISPLACEMENT_UNITS = (*DRIVE_UNITS, "rad", "deg")
 SPELLED = {

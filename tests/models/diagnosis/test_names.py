@@ -1,7 +1,7 @@
 """Whole diagnoses on small stages of a foreign hysteresis class (Bouc-Wen, integrated here)."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -11,6 +11,7 @@ from tests.rigs.diagnosis import diagnose_without_limits
 from dehyst.models import modelfile
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis, diagnose
+from dehyst.models.diagnosis.result import Limit
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Recording
 
@@ -204,6 +205,13 @@ def test_result_is_json_by_contract() -> None:
     (delay,) = (x for x in foreign().to_dict()["would_have_seen"] if x["name"] == "delay")
     assert 1e-6 < delay["above"] < 2e-3
     assert delay["unit"] == "s"
+
+
+def test_only_a_limit_with_a_size_stands_among_those_that_would_have_been_seen() -> None:
+    limits = (Limit("delay", 2e-5, "s"), Limit("hum", None, "um", why="no line can be seen"))
+    said = replace(found("hum"), would_have_seen=limits).to_dict()
+    assert said["would_have_seen"] == [{"name": "delay", "above": 2e-5, "unit": "s"}]
+    assert said["cannot_be_seen"] == [{"name": "hum", "why": "no line can be seen"}]
 
 
 def test_bad_recordings_are_refused_with_the_reason() -> None:
