@@ -33,10 +33,14 @@ LARGEST = 1e15  # beyond this a number is damage, not a measurement; its cube st
 MISSING = {
     "", "nan", "-nan", "nan(ind)", "-nan(ind)", "nan(snan)", "-nan(snan)", "na", "n/a", "<na>",
     "nat", "null", "none", "nil", "-", "--", "---", "#n/a", "#nv", "#num!", "#zahl!", "#div/0!",
-    "#value!", "#wert!", "#ref!", "#bezug!", "#name?", "#null!",
+    "#value!", "#wert!", "#ref!", "#bezug!", "#name?", "#null!", "n.a.", "n.d.", "?", "*",
+    "over", "overflow", "over range", "overrange", "ovld", "+ovld", "-ovld", "ol", "+ol", "-ol",
+    "ovl", "∞", "+∞", "-∞", "−∞",
 }  # fmt: skip
-_NO_NUMBER = re.compile(r"[+-]?1[.,]#\w+")
-"""What Microsoft's C library writes for a number that is none: "-1.#IND", "1.#QNAN", "1.#INF"."""
+"""Fields without a value; instruments write the last two rows of words beyond their range."""
+_NO_NUMBER = re.compile(r"[+-]?(1[.,]#\w+|9[.,]91?0*e\+?37)")
+"""What Microsoft's C library writes for a number that is none ("-1.#IND", "1.#QNAN", "1.#INF"), and
+SCPI for one that is not known, or beyond the range ("9.91E+37", "-9.9E+37")."""
 _COMMENT = re.compile(r"(?m)(?:^|(?<=[ \t]))#.*")
 
 
@@ -219,7 +223,8 @@ def _field(name: str, line: int, key: str, field: str) -> float:
 
 def is_missing(text: str) -> bool:
     """Return whether a field says that there is no value."""
-    return text.lower() in MISSING or ("#" in text and bool(_NO_NUMBER.fullmatch(text)))
+    lower = text.lower()
+    return lower in MISSING or (("#" in text or "e" in lower) and bool(_NO_NUMBER.fullmatch(lower)))
 
 
 def _is_number(text: str) -> bool:

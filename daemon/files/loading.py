@@ -42,6 +42,11 @@ from dehyst.models.recording import Floats
 TEXTS = (".csv", ".csv.gz", ".txt", ".dat", ".tsv", ".lvm")
 SUFFIXES = (*TEXTS, ".npz", ".npy", ".mcap", *NEEDS)
 UNDERSTOOD = ("t", "u")
+BEGINS = {
+    b"PK\x03\x04": ".xlsx", b"\x89HDF": ".h5", b"TDSm": ".tdms", b"PAR1": ".parquet",
+    b"\x93NUMPY": ".npy", b"MATLAB ": ".mat", b"\x89MCAP": ".mcap",
+}  # fmt: skip
+"""First bytes of the files that are no text, and the suffix of such a file."""
 
 
 @dataclass
@@ -77,8 +82,11 @@ def load_columns(
     if not path.is_file():
         raise BadRecording(f"{path}: is not an ordinary file")
     if not name.lower().endswith(SUFFIXES):
-        raise BadRecording(f"{name}: unknown kind of file; {', '.join(SUFFIXES)} are read")
+        raise BadRecording(
+            f"{name}: unknown kind of file; {', '.join(SUFFIXES)} are read (rename a text file to .txt)"
+        )
     kind = path.suffix.lower()
+    _refuse_wrong_suffix(path)
     if unfinished:
         read = read_whole_part(path) if kind != ".mcap" else None
         loaded = Loaded(*read) if read is not None else _load_mcap(path, reading, True, wants)
@@ -100,6 +108,23 @@ def load_columns(
     if not loaded.columns:
         raise BadRecording(f"{name}: the file holds no columns")
     return loaded
+
+
+def _refuse_wrong_suffix(path: Path) -> None:
+    """Raise BadRecording naming the right suffix if a file begins as another kind does."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(512)
+    except OSError:  # whoever reads it says why
+        return
+    kind = path.suffix.lower()
+    right = next((suffix for begin, suffix in BEGINS.items() if head.startswith(begin)), "")
+    if right and kind in TEXTS:
+        raise BadRecording(f"{path.name}: is no text but begins as a {right} file does: rename it")
+    text = bool(head) and all(byte in b"\t\r\n" or 32 <= byte < 127 for byte in head)
+    if text and not right and (kind in NEEDS or kind in (".npy", ".npz")):
+        what = NEEDS[kind][0] if kind in NEEDS else f"an {kind} file"
+        raise BadRecording(f"{path.name}: not {what} but text: rename it to .txt")
 
 
 def is_own(path: Path, wants: Sequence[str] = ("t",)) -> bool:
@@ -173,7 +198,7 @@ def _understood(path: Path, found: Sheet, reading: ReadOptions, wants: Sequence[
     for column in found.columns:  # shown in messages, and given to --columns as shown
         column.heading, column.unit = printable(column.heading), printable(column.unit)
     found.said = [printable(text) for text in found.said]
-    found = of_one_length(found, [str(v) for v in reading.columns.values()])
+    found = of_one_length(path.name, found, [str(v) for v in reading.columns.values()])
     _refuse_absurd(path.name, {c.heading: c.values for c in found.columns})
     try:
         read = understand(path.name, found, reading, wants)

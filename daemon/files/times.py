@@ -21,6 +21,9 @@ LEAST_DIGITS, OFF_THE_LINE = 50, 0.75
 step is accurate to about one percent. OFF_THE_LINE: largest deviation from a straight line:
 rounding moves each time by up to half a digit, truncation by up to half a digit about its mean."""
 MOST_PARTS = 64
+REVERSED, UNSORTED = 0.9, 0.2
+"""Shares of rows at which the time goes back, from which on the rows are in reverse order, and from
+which on in none."""
 SLOW_STEP_S = 1.0
 """The unit of larger steps is asked for: in seconds they are less than one row per second, in
 milliseconds less than 1000. Recordings over hours at 1 or 2 Hz are ordinary."""
@@ -49,12 +52,26 @@ def repair_times(
     said: list[str] = []
     if not np.all(np.isfinite(t_s)):
         row = int(np.flatnonzero(~np.isfinite(t_s))[0])
-        raise BadRecording(f"{name}: {where(row)}: the time is missing; --rate HZ counts the rows")
+        raise BadRecording(
+            f"{name}: {where(row)}: the time is missing: delete the line where it is none of the "
+            "recording's, such as a mean; --rate HZ counts all rows"
+        )
     steps = np.diff(t_s)
     if steps.size == 0 or bool(np.all(steps > 0.0)):
         return Times(t_s, [(0, t_s.size)], None, said)
     back = np.flatnonzero(steps < 0.0) + 1
     cuts = [0, *back.tolist(), t_s.size]
+    if back.size > REVERSED * steps.size:
+        raise BadRecording(
+            f"{name}: the times fall from row to row, from {t_s[0]:.9g} to {t_s[-1]:.9g}: the newest "
+            "row stands first; reverse the order of the rows"
+        )
+    if back.size > UNSORTED * steps.size:
+        raise BadRecording(
+            f"{name}: {where(int(back[0]))}: the time goes back, and {back.size} times in all; is "
+            "this the column of the time? --columns t=... names another; if it is, sort the rows by "
+            "time"
+        )
     if len(cuts) - 1 > MOST_PARTS:
         raise BadRecording(
             f"{name}: {where(int(back[0]))}: the time goes back, and {back.size} times in all; is "

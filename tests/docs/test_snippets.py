@@ -44,7 +44,10 @@ LEFT_OUT = {
 """(page, beginning of the block) -> why it is not run."""
 TUTORIALS = "docs/tutorials/"
 NOT_PROGRAMS = ("docs/architecture.md models/", "docs/loop-states.md           target")
-SECONDS = {"--for 10": "--for 1", "--for 60": "--for 1", "--wait 60": "--wait 1"}
+SECONDS = {
+    "--for 10": "--for 1", "--for 60": "--for 1", "--wait 60": "--wait 1",
+    "--duration 20": "--duration 10", "--repeat 10": "--repeat 3",
+}  # fmt: skip
 LONG = ("run", "watch", "page", "epics", "serve", "emulate", "gateway")
 """Commands that run until they are ended, like `record` and `watch` without --for."""
 EXPECTED = {

@@ -10,11 +10,13 @@ from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS
 from dehyst.daemon.files.foreign.epochs import epoch_unit, is_rising
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.roles import role_of
-from dehyst.daemon.files.foreign.units import find_unit_key
+from dehyst.daemon.files.foreign.units import find_unit_key, split_heading
+from dehyst.models.errors import BadRecording
 
 MOST_WIDE = 64  # columns of one two-dimensional array
 MOST_DEEP = 16
 MOST_NOTE = 200
+_UNIT_FIELDS, _LABEL_FIELDS = ("unit", "units"), ("label", "name", "title")
 
 
 def found_in(arrays: Iterable[tuple[str, str, Any]], notes: Mapping[str, str]) -> Sheet:
@@ -33,6 +35,8 @@ def found_in(arrays: Iterable[tuple[str, str, Any]], notes: Mapping[str, str]) -
                 kept[name] = str(array.reshape(-1)[0])[:MOST_NOTE]
             else:
                 left.append(name)
+                texts = (str(text) for text in array.reshape(-1)[:MOST_WIDE])
+                kept[name] = ", ".join(texts)[:MOST_NOTE]
         elif array.size == 1 and array.dtype.kind in "biuf":
             kept[name] = repr(float(array.reshape(-1)[0]))
         elif more := _columns(name, unit, array):
@@ -41,15 +45,38 @@ def found_in(arrays: Iterable[tuple[str, str, Any]], notes: Mapping[str, str]) -
             left.append(name)
         if len(columns) > 4 * MOST_COLUMNS:
             break
+    for column in columns:
+        column.unit = column.unit or _unit_beside(column.heading, kept)
     found = Sheet(columns, kept)
     if left:
         found.said.append(f"without numbers and left out: {', '.join(left[:5])}")
     return found
 
 
-def of_one_length(found: Sheet, wanted: Iterable[str] = ()) -> Sheet:
+def _unit_beside(heading: str, notes: Mapping[str, str]) -> str:
+    """Return the unit that a structure states beside its numbers, "" if it states none:
+    "rec.drive.unit" or "signals.0.label" ("Drive [mV]") for "rec.drive.data"."""
+    for mark in "/.":
+        group, _, last = heading.rpartition(mark)
+        if not group or last.lower() in _UNIT_FIELDS:
+            continue
+        beside = {
+            name[len(group) + 1 :].lower(): text
+            for name, text in notes.items()
+            if name.startswith(group + mark)
+        }
+        if unit := next((beside[key] for key in _UNIT_FIELDS if key in beside), ""):
+            return unit
+        of_label = [split_heading(beside[key])[1] for key in _LABEL_FIELDS if key in beside]
+        if any(of_label):
+            return next(filter(None, of_label))
+    return ""
+
+
+def of_one_length(name: str, found: Sheet, wanted: Iterable[str] = ()) -> Sheet:
     """Keep only columns of one length: of the wanted columns or else of all, that of the time and
-    the drive, or of most roles, or the longest."""
+    the drive, or of most roles, or the longest. Raises BadRecording if several lengths hold a drive
+    and a displacement, and none is wanted."""
     sizes = {column.values.size for column in found.columns}
     if len(sizes) < 2:
         return found
@@ -58,6 +85,22 @@ def of_one_length(found: Sheet, wanted: Iterable[str] = ()) -> Sheet:
     roles: dict[int, set[str]] = {size: set() for size in sizes}
     for c in found.columns:
         roles[c.values.size] |= {role_of(c.heading, find_unit_key(c.unit))[0]} - {""}
+    runs = sorted(size for size in sizes if {"u", "y"} <= roles[size])
+    if len(runs) > 1 and not of_wanted:
+        drives = (
+            next(
+                c.heading
+                for c in found.columns
+                if c.values.size == size and role_of(c.heading, find_unit_key(c.unit))[0] == "u"
+            )
+            for size in runs
+        )
+        them = ", ".join(
+            f"{size} rows ('{drive[:40]}')" for size, drive in zip(runs, drives, strict=True)
+        )
+        raise BadRecording(
+            f"{name}: it holds several runs, of {them}: name the columns of one, --columns u=...,y=..."
+        )
     size = max(of_wanted or sizes, key=lambda n: ({"t", "u"} <= roles[n], len(roles[n]), n))
     left = [c.heading for c in found.columns if c.values.size != size]
     found.columns = [c for c in found.columns if c.values.size == size]

@@ -25,6 +25,9 @@ from dehyst.daemon.files.foreign.roles import (
 from dehyst.daemon.files.foreign.units import ANGLE, LENGTH, VOLTAGE, find_unit_key, split_heading
 from dehyst.models.errors import BadRecording
 
+EVEN = 0.5
+"""Largest spread of the steps of evenly rising values, in mean steps: clocks are rounded."""
+
 
 def choose_columns(
     name: str,
@@ -46,13 +49,22 @@ def choose_columns(
     roles = _roles(columns, free, "y" in chosen)
     if "target" in wants and not any(role == "target" for role, _ in roles.values()):
         roles = {i: ("target", sure) if r == "y" else (r, sure) for i, (r, sure) in roles.items()}
+    steady = [
+        i for i in free if not roles[i][0] and _rises_evenly(columns[i]) and not _counts(columns[i])
+    ]
     several: dict[str, list[int]] = {}
     alike: dict[str, list[int]] = {}  # the same values in each run
     which: list[str] = []
     both = False  # drive and displacement are requested together
     advised: dict[str, int] = {}
+    if steady and not (_holds(roles, "t") or "t" in chosen or reading.rate_hz):
+        advised["t"] = steady[0]
+        asked.append(
+            f"{describe_column(columns[steady[0]])} rises evenly, as times do: add "
+            + _option(columns, advised)
+        )
     for role in NAMES:
-        if role in chosen or (role == "t" and reading.rate_hz):
+        if role in chosen or (role == "t" and (reading.rate_hz or "t" in advised)):
             continue
         best = max((sure for r, sure in roles.values() if r == role), default=0)
         found = [i for i, (r, sure) in roles.items() if r == role and sure == best]
@@ -71,8 +83,8 @@ def choose_columns(
             which.append(f"{names}: which is {asks}? add {option}")
             several[role] = found
         elif role in wants and role != "t" and not (role == "y" and both):
-            left = [i for i in free if i not in (chosen | advised).values()]
-            left = _without_role(columns, left, roles)
+            left = [i for i in free if i not in (*chosen.values(), *advised.values(), *steady)]
+            left = _without_role(columns, left, roles, role)
             if left and role == "y" and "u" in advised and "u" not in several:
                 advised[role] = left[-1]  # drive and displacement are asked for of one list
             elif left:
@@ -232,13 +244,33 @@ def _holds(roles: Mapping[int, tuple[str, int]], role: str) -> bool:
 
 
 def _without_role(
-    columns: Sequence[Column], of: Sequence[int], roles: Mapping[int, tuple[str, int]]
+    columns: Sequence[Column],
+    of: Sequence[int],
+    roles: Mapping[int, tuple[str, int]],
+    role: str,
 ) -> list[int]:
-    """Return the columns that may be named where no heading names one: those without a role if
-    there are any."""
+    """Return the columns that may be named for a role that no heading names: those without a role
+    if there are any; the only displacement is not to become the drive."""
     units = {i: find_unit_key(columns[i].unit) for i in of}
     may = [i for i in of if not says_neither(columns[i].heading, units[i]) and roles[i][0] != "t"]
+    measured = [i for i in may if roles[i][0] == "y"]
+    if role == "u" and len(measured) == 1:
+        may.remove(measured[0])
     return [i for i in may if not roles[i][0]] or may
+
+
+def _rises_evenly(column: Column) -> bool:
+    """Return whether the values rise in nearly even steps, as times and row numbers do."""
+    steps = np.diff(np.asarray(column.values, dtype=np.float64))
+    if steps.size < 2 or not bool(np.all(steps > 0.0)):
+        return False
+    return float(np.ptp(steps)) < EVEN * float(np.mean(steps))
+
+
+def _counts(column: Column) -> bool:
+    """Return whether the values are row numbers."""
+    values = np.asarray(column.values, dtype=np.float64)
+    return bool(np.all(np.diff(values) == 1.0)) and float(values[0]).is_integer()
 
 
 def _all_the_same(columns: Sequence[Column], which: Sequence[int]) -> bool:
@@ -260,11 +292,31 @@ def _ask_by_number(
         first = ", ".join(
             f"column {columns[i].number}: {columns[i].values[0]:.6g}" for i in free[:6]
         )
-        option = _option(columns, dict(zip(roles, free, strict=False)))
+        which, untimed = _advised_without_headings(columns, free, roles)
+        option = _option(columns, which) + (" --rate HZ (no column holds times)" if untimed else "")
         asked.append(
             f"{len(columns)} columns of numbers without headings (the first row is {first}): say "
             f"which is which: {option}"
         )
+
+
+def _advised_without_headings(
+    columns: Sequence[Column], free: Sequence[int], roles: Sequence[str]
+) -> tuple[dict[str, int], bool]:
+    """Return (column to advise for each role, whether none of them holds times): the times rise
+    evenly, row numbers are no times, and what stands still or is there twice is not advised."""
+    steady = [i for i in free if _rises_evenly(columns[i])]
+    times = [i for i in steady if not _counts(columns[i])]
+    moving = [i for i in free if i not in steady and np.ptp(columns[i].values) > 0.0]
+    twice = [i for i in moving if any(_all_the_same(columns, [j, i]) for j in moving if j < i)]
+    others = [i for i in moving if i not in twice]
+    further = [role for role in roles if role != "t"]
+    if "t" in roles and not times and (steady or len(free) < len(roles)):
+        return dict(zip(further, others or free, strict=False)), True
+    in_order = [*times[:1], *others] if "t" in roles else others
+    if len(in_order) < len(roles) or ("t" in roles and not times):
+        in_order = list(free)
+    return dict(zip(roles, in_order, strict=False)), False
 
 
 def _named(name: str, columns: Sequence[Column], role: str, wanted: str | int) -> int:

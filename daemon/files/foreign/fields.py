@@ -8,17 +8,19 @@ from typing import Any
 
 from dehyst.daemon.files.csv_table import is_missing
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([ed][+-]?\d+)?", re.IGNORECASE)
 GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
 GROUPED_BY_POINTS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?")
-GROUPED_APART = re.compile(r"[+-]?[1-9]\d{0,2}(['\u2019\xa0\u2009\u202f]\d{3})+(\.\d*)?")
-"""With apostrophes, as in Switzerland, or with no-break spaces, as in France."""
+GROUPED_APART = re.compile(r"[+-]?[1-9]\d{0,2}(['\u2019 \xa0\u2009\u202f]\d{3})+(\.\d*)?")
+"""With apostrophes, as in Switzerland, or with spaces, as in France; a field holds a plain space
+only where something else separates the fields."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d*)?)")
-_HALF_DAY = re.compile(
-    r"(?:(\d{1,2})/(\d{1,2})/(\d{4})\s+)?(1[0-2]|0?[1-9])(:.*\d)\s*([ap])\.?m\.?", re.I
-)
+_HALF_DAY = re.compile(r"(?:(.*)\s)?\s*(1[0-2]|0?[1-9])(:.*\d)\s*([ap])\.?m\.?", re.I)
 _DAYS = re.compile(r"(\d+) days?,? (.*)", re.I)
-_GERMAN_DATE = re.compile(r"(\d\d)\.(\d\d)\.(\d{4})[ T](.*)")
+_SLASHED = re.compile(r"(\d{1,2})/(\d{1,2})/(\d{4})\s+(.*)")
+_GERMAN_DATE = re.compile(r"(\d\d)\.(\d\d)\.(\d{4}|\d\d)[ T](.*)")
+_NAMED_MONTH = re.compile(r"(\d{1,2})[- ]([A-Za-z]{3})[- ](\d{4})[ T](.*)")
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 
 
 def number_of(cell: Any, decimal: str = ".") -> float | None:
@@ -46,8 +48,9 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
         text = text.replace(",", ".")
     elif GROUPED.fullmatch(text):
         text = text.replace(",", "")
+    text = text.replace("\u2212", "-")  # a typographic minus
     if _NUMBER.fullmatch(text):
-        return float(text)
+        return float(text.lower().replace("d", "e"))
     if GROUPED_APART.fullmatch(text):
         return float(re.sub(r"[^-+.\d]", "", text))
     if text.lower() in ("inf", "+inf", "-inf", "infinity", "-infinity"):
@@ -57,7 +60,8 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
 
 def moment_of(text: str) -> float | None:
     """Return the seconds of "12:00:01.25", "2024-03-05 12:00:01.25", "05.03.2024 12:00:01.25",
-    "3/5/2024 1:00:01.25 PM" or "0 days 12:00:01.25", with either decimal mark."""
+    "3/5/2024 1:00:01.25 PM", "05-Mar-2024 12:00:01.25" or "0 days 12:00:01.25", with either decimal
+    mark. Of a date with slashes the month comes first, unless it is none."""
     if ":" not in text or len(text) > 40:
         return None
     if clock := _CLOCK.fullmatch(text):
@@ -66,10 +70,17 @@ def moment_of(text: str) -> float | None:
         rest = moment_of(days[2])
         return None if rest is None else int(days[1]) * 86400.0 + rest
     if half := _HALF_DAY.fullmatch(text):
-        date_of = f"{half[3]}-{int(half[1]):02d}-{int(half[2]):02d} " if half[3] else ""
-        return moment_of(f"{date_of}{int(half[4]) % 12 + 12 * (half[6] in 'pP'):02d}{half[5]}")
-    if german := _GERMAN_DATE.fullmatch(text):
-        text = f"{german[3]}-{german[2]}-{german[1]} {german[4]}"
+        hour = f"{int(half[2]) % 12 + 12 * (half[4] in 'pP'):02d}"
+        return moment_of(f"{half[1] or ''} {hour}{half[3]}".strip())
+    if slashed := _SLASHED.fullmatch(text):
+        month, day = sorted((int(slashed[1]), int(slashed[2])), key=lambda n: n > 12)
+        text = f"{slashed[3]}-{month:02d}-{day:02d} {slashed[4]}"
+    elif german := _GERMAN_DATE.fullmatch(text):
+        year = german[3] if len(german[3]) == 4 else f"20{german[3]}"
+        text = f"{year}-{german[2]}-{german[1]} {german[4]}"
+    elif (named := _NAMED_MONTH.fullmatch(text)) and named[2].lower() in _MONTHS:
+        month = 1 + _MONTHS.index(named[2].lower())
+        text = f"{named[3]}-{month:02d}-{int(named[1]):02d} {named[4]}"
     try:
         moment = datetime.fromisoformat(text.replace("/", "-"))
     except ValueError:

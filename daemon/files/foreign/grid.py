@@ -39,6 +39,8 @@ from dehyst.models.errors import BadRecording
 LOOKED_AT = 2000
 """Rows at the beginning that are used to find the layout; an instrument's preamble is shorter."""
 MOSTLY_TEXT = 0.9
+SAME_STEP = 0.01
+"""Share by which two periods of one preamble may differ, as they are rounded."""
 
 
 @dataclass
@@ -91,9 +93,9 @@ def lay_out(
     names, step_s = gcs_header(above, width)
     found.headings[: len(names)] = names
     step_s = step_s or found.step_s
-    step_s = step_s or next(
-        (step for _, row in left if (step := stated_step(texts_of(row), decimal))), 0.0
-    )
+    stated = [step for _, row in left if (step := stated_step(texts_of(row), decimal))]
+    if stated and max(stated) <= (1.0 + SAME_STEP) * min(stated):  # otherwise they contradict
+        step_s = step_s or stated[0]
     width = len(found.headings)
     numbers, texts = (
         [sum(k[j] == kind for k in kinds if len(k) > j) for j in range(width)]
@@ -196,7 +198,10 @@ def fill(
 
 def _no_number(name: str, layout: GridLayout, j: int, place: str, cell: Any) -> BadRecording:
     what = layout.headings[j] or f"column {j}"
-    return BadRecording(f"{name}: {place}: {what} is {str(cell)[:20]!r}, not a number")
+    return BadRecording(
+        f"{name}: {place}: {what} is {str(cell)[:20]!r}, not a number: empty the field where a value "
+        "is missing, or delete the line where it is none of the recording's, such as a sum"
+    )
 
 
 def sheet_of(

@@ -11,6 +11,7 @@ from dehyst.daemon.files.csv_table import MOST_BYTES
 from dehyst.daemon.files.foreign.arrays import flattened, found_in
 from dehyst.daemon.files.foreign.found import Column, Sheet, text_of
 from dehyst.daemon.files.foreign.grid import LOOKED_AT, fill, lay_out
+from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
 from dehyst.models.errors import BadRecording
 
 MOST_ROWS = 4_000_000
@@ -57,7 +58,8 @@ def read_hdf5(path: Path) -> Sheet:
             if item.size == 1:
                 notes[name] = text_of(np.asarray(item[()]).reshape(-1)[0])[:200]
         elif item.dtype.kind in "biuf" or item.dtype.names:
-            arrays.append((name, _unit_in(item.attrs), item[()]))
+            unit, values = _as_scaled(item.attrs, item[()])
+            arrays.append((name, unit, values))
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
@@ -75,6 +77,37 @@ def _unit_in(attributes: Any) -> str:
         if value is not None:
             return text_of(value if isinstance(value, bytes) else str(value))[:40]
     return ""
+
+
+def _number_in(attributes: Any, *names: str) -> float | None:
+    """Return the first of these attributes that is one number, None if none is."""
+    for name in names:
+        value = np.asarray(attributes.get(name, ""))
+        if value.size == 1 and value.dtype.kind in "iuf":
+            return float(value.reshape(-1)[0])
+    return None
+
+
+def _as_scaled(attributes: Any, values: Any) -> tuple[str, Any]:
+    """Return (unit, values) of a dataset as the CF conventions unpack it: `_FillValue` is missing,
+    and the rest times `scale_factor` plus `add_offset`. A factor of another convention is put into
+    the unit, which is then asked for."""
+    unit = _unit_in(attributes)
+    if values.dtype.kind not in "iuf":
+        return unit, values
+    missing = [_number_in(attributes, name) for name in ("_FillValue", "missing_value")]
+    factor, offset = (_number_in(attributes, name) for name in ("scale_factor", "add_offset"))
+    known = [value for value in missing if value is not None and np.any(values == value)]
+    if known or factor is not None or offset is not None:
+        lost = np.isin(values, known)
+        values = values * (1.0 if factor is None else factor) + (offset or 0.0)
+        values[lost] = np.nan
+    other = _number_in(attributes, "scaling_factor", "scale", "gain")
+    other_offset = _number_in(attributes, "offset")
+    if (other, other_offset) not in ((None, None), (1.0, None), (None, 0.0), (1.0, 0.0)):
+        unit = f"{unit} x {1.0 if other is None else other:g}"
+        unit += f" + {other_offset:g}" if other_offset else ""
+    return unit.strip(), values
 
 
 def read_xlsx(path: Path) -> Sheet:
@@ -156,9 +189,12 @@ def read_tdms(path: Path) -> Sheet:
                         raise BadRecording(f"holds more than {MOST_BYTES >> 20} MB")
                     name = f"{group.name}/{channel.name}" if len(groups) > 1 else channel.name
                     step = channel.properties.get("wf_increment", 0.0)
-                    if isinstance(step, float | int) and 0 < step < 1e6:
-                        steps.add(float(step))
-                        starts.add(float(channel.properties.get("wf_start_offset", 0.0)))
+                    along = str(channel.properties.get("wf_xunit_string", "") or "s")
+                    kind, _, factor = UNITS.get(find_unit_key(along), ("", "", 0.0))
+                    if kind == TIME and isinstance(step, float | int) and 0 < step < 1e6:
+                        steps.add(factor * float(step))
+                        start = float(channel.properties.get("wf_start_offset", 0.0))
+                        starts.add(factor * start)
                     yield name, _unit_in(channel.properties), channel[:]
 
         found = found_in(channels(), notes)

@@ -93,8 +93,9 @@ def _add_units(part: Sheet, header: Header) -> None:
     """Give each channel whose heading states no unit the one in the header."""
     units = header.get("Y_Unit_Label", [])
     channels = [c for c in part.columns if not re.fullmatch(r"X_Value(\.\d+)?", c.heading)]
-    if len(units) == len(channels):
-        for column, unit in zip(channels, units, strict=True):
+    of = channels if len(units) == len(channels) else part.columns  # with a field for each time
+    if len(units) == len(of):
+        for column, unit in zip(of, units, strict=True):
             stated = read_heading(column.heading)
             column.unit = column.unit or ("" if stated.unit or stated.stated else unit)
 

@@ -38,8 +38,13 @@ _TARGET = {
 _DRIVE = {
     "u", "drive", "input", "driving", "applied", "excitation", "actuation", "ansteuerung", "hv",
     "command", "control", "vin", "uin", "vout", "uout", "actuator", "amplifier", "eingang",
-    "stimulus",
+    "stimulus", "generator", "awg",
 }  # fmt: skip
+_MEASURES = {
+    "charge", "photodiode", "lock", "lockin", "measuring", "transimpedance", "bridge", "preamp",
+    "preamplifier", "messverstärker",
+}  # fmt: skip
+"""Words of amplifiers that do not drive: "Charge amplifier (V)"."""
 _VOLTAGE = {"voltage", "volt", "volts", "spannung", "tension", "v"}
 _DISPLACEMENT = {
     "y", "displacement", "displ", "disp", "position", "pos", "weg", "auslenkung", "verschiebung",
@@ -57,10 +62,24 @@ _DAQ_IN, _DAQ_OUT = {"ai", "adc", "analogeingang"}, {"ao", "dac", "analogausgang
 """Of a data acquisition device, whose output drives and whose input measures."""
 _NEITHER = {
     "model", "status", "state", "mode", "temp", "temperature", "temperatur", "error", "flag", "std",
-    "noise", "wavelength", "thickness", "battery", "supply",
+    "noise", "wavelength", "thickness", "battery", "supply", "alarm",
 }  # fmt: skip
 """Words of what is neither drive nor displacement, such as the prediction of a model."""
-_ROW = {"", "index", "idx", "no", "nr", "n", "row", "sample", "samples", "point", "sequence", "seq"}
+_ROW = {
+    "",
+    "index",
+    "idx",
+    "no",
+    "nr",
+    "n",
+    "row",
+    "sample",
+    "samples",
+    "point",
+    "sequence",
+    "seq",
+    "scan",
+}
 _PLAIN = re.compile(rf"(?:(t)_s|(u|y|target)_(?:{'|'.join(UNIT_NAMES)}))")
 
 
@@ -87,6 +106,7 @@ def role_of(heading: str, unit: str) -> tuple[str, int]:
     side = daq_side(heading, unit)
     if side or kind == VOLTAGE:
         words = words - _IN - _OUT
+    words = words - {"amplifier", "lock"} | {"sensor"} if words & _MEASURES else words
     driven = bool(words & _DRIVE) or side == "out"
     voltage = bool(words & _VOLTAGE) and kind in (VOLTAGE, "")
     sensed = bool(words & _DISPLACEMENT - ({"y"} if driven or voltage else set()))  # axis y

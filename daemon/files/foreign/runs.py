@@ -68,8 +68,10 @@ def score(rows: Sequence[Row], decimal: str) -> tuple[int, int, int]:
     if run.gain <= 0:
         return 0, 0, 0
     named = any(len(kind) >= width and NUMBER not in kind for kind in kinds[:first])
-    labels = sum(kind[0] == TEXT for kind in kinds[first : run.last + 1] if kind)
-    if not named and 2 * labels < run.last + 1 - first:
+    firsts = [kind[0] for kind in kinds[first : run.last + 1] if kind]
+    labels = firsts.count(TEXT)
+    unnamed = not named or NUMBER not in firsts  # Yokogawa leaves the first field empty
+    if unnamed and 2 * labels < run.last + 1 - first:
         while kinds[first][0] == TEXT:  # "Samples,400" above two columns without names
             first += 1
     # rows before the longest run belong to it if they have numbers in the same columns
@@ -81,7 +83,7 @@ def score(rows: Sequence[Row], decimal: str) -> tuple[int, int, int]:
         other = any(k == TEXT and not n for k, n in zip(kinds[i], noted, strict=False))
         if len(kinds[i]) <= max(sure) or other or any(kinds[i][j] == TEXT for j in sure):
             continue
-        if 2 * sum(kinds[i][j] == NUMBER for j in sure) < len(sure):
+        if 2 * sum(kinds[i][j] == NUMBER for j in sure) < len(sure) or _is_label(rows, i - 1):
             continue
         whole = all(TEXT not in kind for kind in kinds[i:first])
         if size <= width + 1 or whole:  # or lines that were joined
@@ -91,6 +93,11 @@ def score(rows: Sequence[Row], decimal: str) -> tuple[int, int, int]:
         first -= 1
     over = kinds[first - 1] if 0 < first < begin else []
     return run.gain, first if len(over) >= width and TEXT in over else begin, width
+
+
+def _is_label(rows: Sequence[Row], i: int) -> bool:
+    """Return whether a line is one text that names what follows it: "dt:" of SignalExpress."""
+    return i >= 0 and length_of(rows[i]) == 1 and str(rows[i][0]).strip().endswith(":")
 
 
 def _is_short_row(kind: Sequence[int]) -> bool:

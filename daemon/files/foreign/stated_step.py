@@ -18,6 +18,9 @@ _RATE = re.compile(
     + _UNIT_BEHIND,
     re.IGNORECASE,
 )
+SURELY_SECONDS = 0.02
+"""A period without a unit that is shorter than this [s] is one in seconds: as milliseconds it would
+be more than 50 kHz, which no recording of a stage needs."""
 _REST_OF_A_NUMBER = re.compile(r"\d{3}(?!\d)(?:[.,]\d*)?\s*[^\d\s]*")
 _STATED = re.compile(r"([-+]?\d[\d.,']*(?:e[-+]?\d+)?)\s*(.*)", re.IGNORECASE)
 _RATE_UNIT = re.compile(r"([kMG]?)(?:Hz|Sa?/s|Samples?/s|Hertz|1/s)", re.IGNORECASE)
@@ -25,7 +28,8 @@ _RATE_UNIT = re.compile(r"([kMG]?)(?:Hz|Sa?/s|Samples?/s|Hertz|1/s)", re.IGNOREC
 
 def stated_step(cells: Sequence[str], decimal: str) -> float:
     """Return the sampling period [s] that a line of the preamble states, 0 if it states none, in
-    a unit that is not known, or in a number that the separator may have cut ("1,000 Hz")."""
+    a unit that is not known or may not be that of time ("Increment,0.5", which may be volts), or in
+    a number that the separator may have cut ("1,000 Hz")."""
     name = cells[0].rstrip(":=").strip().replace("_", " ") if len(cells) > 1 else ""
     step, rate = _STEP.fullmatch(name), _RATE.fullmatch(name)
     named, stated = step or rate, _STATED.fullmatch(cells[1]) if name else None
@@ -38,6 +42,8 @@ def stated_step(cells: Sequence[str], decimal: str) -> float:
     units = {unit for unit in (named[1], stated[2].strip(" []()") or beside) if unit}
     factors = {_factor(unit, step is not None) for unit in units or {"s" if step else "Hz"}}
     if not value or not 0.0 < value < math.inf or len(factors) > 1:
+        return 0.0
+    if step and not units and (value >= SURELY_SECONDS or name.lower() == "increment"):
         return 0.0
     scaled = value * factors.pop()
     return scaled if step or not scaled else 1.0 / scaled

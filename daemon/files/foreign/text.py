@@ -30,7 +30,7 @@ from dehyst.daemon.files.foreign.grid import (
 )
 from dehyst.daemon.files.foreign.headings import ways_to_split
 from dehyst.daemon.files.foreign.lvm import is_lvm, read_lvm
-from dehyst.daemon.files.foreign.runs import find_decimal, score
+from dehyst.daemon.files.foreign.runs import NUMBER, find_decimal, kinds_of, score
 from dehyst.models.errors import BadRecording
 
 MOST_TEXT = 256 << 20
@@ -74,8 +74,9 @@ def decode_text(name: str, data: bytes) -> str:
     if b"\0" in data:
         line = data[: data.index(b"\0")].count(b"\n") + 1
         raise BadRecording(
-            f"{name}: line {line} holds a zero byte: not a text file (or one whose writer was "
-            "stopped: --unfinished keeps what is before)"
+            f"{name}: line {line} holds a zero byte: not a text file, or one whose writer was "
+            "stopped: delete that line and what follows (of a recording of dehyst's own, convert "
+            "--unfinished keeps what is before)"
         )
     try:
         return data.decode("utf-8")
@@ -135,8 +136,14 @@ def understand_text(
     first = places[layout.first]
     found = _quickly(lines, first, layout, separator, decimal, split, above)
     if found is None:
-        rows_of = _without_notes(name, lines, first, layout, split, above)
+        marked: list[int] = []
+        rows_of = _without_notes(name, lines, first, layout, split, above, marked)
         found = fill(name, layout, rows_of, lambda place: f"line {above + place + 1}")
+        if marked:
+            found.said.append(
+                f"{len(marked)} lines of numbers behind a comment mark left out, the first in line "
+                f"{above + marked[0] + 1}"
+            )
     return found
 
 
@@ -163,12 +170,17 @@ def _without_notes(
     layout: GridLayout,
     split: Callable[[str], list[str]],
     above: int,
+    marked: list[int],
 ) -> Iterator[tuple[int, list[str]]]:
-    """Yield (place, fields) of the lines from the first row on, except notes."""
+    """Yield (place, fields) of the lines from the first row on, except notes. marked: filled with
+    the places of notes that are rows of numbers behind a mark."""
     for i in range(first, len(lines)):
         row = split(lines[i])
         if lines[i].lstrip()[:1] in ("#", "%", "!") and not is_missing(row[0].strip()):
             refuse_other_headings(name, layout, row, f"line {above + i + 1}")
+            cells = split(lines[i].lstrip("#%! \t"))
+            if len(cells) > 1 and kinds_of(cells, layout.decimal).count(NUMBER) == len(cells):
+                marked.append(i)
         else:
             yield i, row
 

@@ -20,6 +20,7 @@ from dehyst.daemon.files.foreign.roles import (
     counts_rows,
     role_of,
 )
+from dehyst.daemon.files.foreign.stated_step import SURELY_SECONDS
 from dehyst.daemon.files.foreign.units import (
     DRIVE_UNITS,
     LENGTH,
@@ -35,15 +36,16 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.modelfile import UNIT_NAMES
 from dehyst.models.recording import Floats
 
-SURELY_SECONDS = 0.02
-"""Times without a unit that step by less than this [s] are seconds: as milliseconds they would mean
-more than 50 kHz, which no recording of a stage needs."""
 DATES, DATE_STEP = ((30_000.0, 80_000.0), (700_000.0, 750_000.0)), 2e-5
 """Serial dates of spreadsheets and of MATLAB in this century [days], and more than their step at
 one row per second. In seconds that step would mean 50 kHz."""
 LEAST_STEP_S = 2e-7
 """Times without a unit that step by less than this are days rather than seconds."""
 ROLE_NAMES = r"(t|u|y|target)(_.*)?"
+_OTHER_VOLTS = re.compile(r"(?<![^\W\d])[mk]V(?!\w)")
+LONGEST_PAUSE_S = 10 * 86400.0
+"""A clock that jumps by more [s] has its days and months exchanged, or belongs to two
+recordings."""
 NO_UNIT = {"", "-", "--", "none", "n/a", "na"}
 
 
@@ -71,7 +73,8 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
     for role in ("u", "y", "target"):
         if role in chosen:
             given = reading.drive_unit if role == "u" else reading.unit
-            _take(role, columns[chosen[role]], given, out, said, asked)
+            elsewhere = _unit_elsewhere(found, columns) if role == "u" else ""
+            _take(role, columns[chosen[role]], given, elsewhere, out, said, asked)
     for channel in [name for name in chosen if name not in NAMES]:
         _keep_as(channel, columns[chosen[channel]], out, said, asked)
     if asked:
@@ -179,6 +182,15 @@ def _take_time(
             )
             return
         unit, label = "s", f"{label}, taken as seconds"
+    jumps = np.abs(np.diff(values[np.isfinite(values)]))
+    if column.clock and np.any(jumps > LONGEST_PAUSE_S):
+        row = int(np.argmax(jumps)) + 1
+        asked.append(
+            f"{label} jumps by {float(jumps[row - 1]) / 86400.0:.3g} days at {found.where(row)}: if "
+            "the day stands before the month, write the dates as 2024-03-05; otherwise cut the "
+            "file there, or add --rate HZ"
+        )
+        return
     kind, _, factor = UNITS[unit]
     if kind != TIME:
         asked.append(f"{label} is not a time; add --columns t=... or --rate HZ")
@@ -195,11 +207,13 @@ def _take(
     role: str,
     column: Column,
     given: str,
+    elsewhere: str,
     out: dict[str, Floats],
     said: list[str],
     asked: list[str],
 ) -> None:
-    """Convert drive, displacement or target to a unit that recordings use."""
+    """Convert drive, displacement or target to a unit that recordings use. elsewhere: where the
+    file names millivolts or kilovolts for no column."""
     own, stated, label = _unit(column), _stated(column), describe_column(column)
     unit = find_unit_key(given) or own
     option = "--drive-unit" if role == "u" else "--unit"
@@ -226,6 +240,12 @@ def _take(
         )
         return
     if not unit and role == "u":
+        if elsewhere:
+            asked.append(
+                f"the unit of {label} is not given, and the file names another than volts "
+                f"({elsewhere}): add --drive-unit v, mv or kv"
+            )
+            return
         unit, label = "v", f"{label}, taken as volts"
     if not unit:
         asked.append(
@@ -244,6 +264,15 @@ def _take(
         label += f" in {kept}" if "taken as" not in label else ""
     out[f"{role}_{kept}"] = values
     said.append(f"{NAMES[role]} from {label}")
+
+
+def _unit_elsewhere(found: Sheet, columns: Sequence[Column]) -> str:
+    """Return a text of the file that names millivolts or kilovolts if no column has such a unit, ""
+    otherwise."""
+    if any(_unit(column) in ("mv", "kv") for column in columns):
+        return ""
+    texts = (f"{key} {text}".strip() for key, text in found.notes.items())
+    return next((text[:60] for text in texts if _OTHER_VOLTS.search(text)), "")
 
 
 def _keep_as(

@@ -30,6 +30,7 @@ UNITS: dict[str, tuple[str, str, float]] = {
     "mm": (LENGTH, "um", 1e3),
     "m": (LENGTH, "um", 1e6),
     "pm": (LENGTH, "nm", 1e-3),
+    "angstrom": (LENGTH, "nm", 0.1),
     "counts": (COUNTS, "counts", 1.0),
     "mrad": (ANGLE, "mrad", 1.0),
     "urad": (ANGLE, "urad", 1.0),
@@ -47,7 +48,7 @@ UNITS: dict[str, tuple[str, str, float]] = {
 }
 TIME_UNITS = ("s", "ms", "us", "ns", "min", "h")
 DRIVE_UNITS = ("v", "mv", "kv", "um", "nm", "pm", "mm", "m", "counts", "mrad", "urad")
-DISPLACEMENT_UNITS = (*DRIVE_UNITS, "rad", "deg")
+DISPLACEMENT_UNITS = (*DRIVE_UNITS, "angstrom", "rad", "deg")
 SPELLED = {
     **dict.fromkeys(("sec", "secs", "second", "seconds", "sekunde", "sekunden", "sek"), "s"),
     **dict.fromkeys(("msec", "millisecond", "milliseconds", "millisekunden"), "ms"),
@@ -55,7 +56,8 @@ SPELLED = {
     **dict.fromkeys(("minute", "minutes", "minuten"), "min"),
     **dict.fromkeys(("hour", "hours", "hr", "stunden"), "h"),
     **dict.fromkeys(("day", "days", "tag", "tage"), "d"),
-    **dict.fromkeys(("volt", "volts"), "v"),
+    **dict.fromkeys(("volt", "volts", "vdc", "v dc"), "v"),
+    **dict.fromkeys(("å", "ångström", "ångstrom", "angstroms"), "angstrom"),
     **dict.fromkeys(("millivolt", "millivolts"), "mv"),
     **dict.fromkeys(("kilovolt", "kilovolts"), "kv"),
     **dict.fromkeys(

@@ -101,7 +101,9 @@ def test_units_in_the_preamble_are_not_those_of_the_columns(tmp_path: Path) -> N
     is_it(read(write(tmp_path / "a.csv", "Vertical Units,mV,mV", NAMES, *body)))
     is_it(read(write(tmp_path / "b.csv", "a,b,c", NAMES, *body)))
     path = write(tmp_path / "c.csv", "Vertical Units,mV,mV", "Time,Drive,Sensor", *body)
-    is_it(read(path, unit="um"))
+    with pytest.raises(BadRecording, match=r"Vertical Units mV mV.*--drive-unit v, mv or kv"):
+        read(path, unit="um")
+    is_it(read(path, unit="um", drive_unit="v"))
 
 
 def some(count: int, every: int) -> np.ndarray:
@@ -322,7 +324,7 @@ def test_an_empty_column_in_front(tmp_path: Path) -> None:
     is_it(read(tmp_path / "a.csv", rate_hz=200.0))
 
 
-@pytest.mark.parametrize("text", ["5th of May, 1 o'clock", "13/5/2024 13:00:00"])
+@pytest.mark.parametrize("text", ["5th of May, 1 o'clock", "13/13/2024 13:00:00"])
 def test_times_that_cannot_be_read_are_named(tmp_path: Path, text: str) -> None:
     body = [f'"{text}",{row}' for row in rows(U, Y)]
     path = write(tmp_path / "a.csv", NAMES, *body)

@@ -104,7 +104,7 @@ def use_reader(monkeypatch: pytest.MonkeyPatch, program: str) -> None:
 def test_a_small_file_does_not_keep_a_library_busy_for_long(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "a.h5").write_bytes(b"x")
+    (tmp_path / "a.h5").write_bytes(b"\x89HDF")
     use_reader(monkeypatch, STAYS)
     with pytest.raises(BadRecording, match="not read within 10 s of processor time"):
         read_recording(tmp_path / "a.h5")
@@ -129,7 +129,7 @@ def test_a_name_of_several_lines_is_said_in_one(tmp_path: Path) -> None:
 def test_only_the_error_is_said_of_what_a_library_writes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "a.h5").write_bytes(b"x")
+    (tmp_path / "a.h5").write_bytes(b"\x89HDF")
     use_reader(monkeypatch, BREAKS)
     assert main(["convert", str(tmp_path / "a.h5"), str(tmp_path / "a.csv")]) == 2
     said = capfd.readouterr()
