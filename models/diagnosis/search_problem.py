@@ -156,8 +156,9 @@ def choose_model_under_base(problem: Problem, null: JointFit) -> Problem:
 
 def choose_earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
     """Return the problem with the drive half a sample or a whole sample earlier, where that
-    explains much of the misfit. A whole sample must explain all of it, because loops that narrow
-    with the rate look early, too. Return None where a drive one sample later explains as much: then
+    explains much of the misfit. A whole sample must explain all of it, or most of it and much more
+    than half a sample does, because loops that narrow with the rate look early, too. Return None
+    where a drive one sample later explains as much: then
     something is late.
 
     Nothing physical leads the drive. A recorder that holds each command and reads at the end of the
@@ -166,12 +167,14 @@ def choose_earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Prob
     whole sample.
     """
     found, left = None, misfit_beyond_noise(problem, null, sigma)
+    most = TUNING.quarter * left
     for samples in (0.5, 1.0):
         data = _with_drive_moved(problem.data, samples)
         moved = replace(problem, data=data, base=rich_base(data))
         leaves = _misfit_of_any_loop(moved, sigma)
         nothing = max(TUNING.strong * sigma, base_error(data)) ** 2
-        if samples == 1.0 and leaves > nothing:
+        much = found is not None and leaves <= min(most, TUNING.half * left)
+        if samples == 1.0 and leaves > nothing and not much:
             break
         if left - leaves >= max(TUNING.half * left, (TUNING.strong * sigma) ** 2):
             found, left = moved, leaves

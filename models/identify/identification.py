@@ -88,8 +88,7 @@ def identify_alone(
 def _identify(
     recordings: Sequence[Recording], options: Options, progress: Callable[[str], None]
 ) -> Identification:
-    spans = [float(np.nanmax(r.drive) - np.nanmin(r.drive)) for r in recordings if _has_drive(r)]
-    rows = [read_rows(r, max(spans, default=0.0)) for r in recordings]
+    rows = [read_rows(r) for r in recordings]
     require_drive_first(rows)
     first = recordings[0]
     require_one_sense(rows, f"{first.displacement_unit}/{spell_unit(first.drive_unit)}")
@@ -352,10 +351,6 @@ def _result(
             *found.notes,
         ),
     )
-
-
-def _has_drive(recording: Recording) -> bool:
-    return bool(np.any(~recording.missing_drive))
 
 
 def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:

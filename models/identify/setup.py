@@ -42,7 +42,7 @@ class FitSetup:
     picks: rows of each recording that are used as equations; sign: of the displacement by the
     drive; limits: lowest and highest slope allowed, or None; slope: the mean slope; rate_max,
     acceleration_max: largest rate of the drive and largest change of the rate; period_s: the
-    longest sampling period; virgin: the recordings begin de-energised; folds: number of folds;
+    longest sampling period; virgin: at least one recording begins de-energised; folds: number of folds;
     running: offset for a drive that comes from far away, or None; by_turns: after a turn, a slope
     is bounded up to the rate that the drive can have there, not up to the largest rate.
     """
@@ -269,15 +269,16 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
         allowed.append(one.use & slow & ~far)
     if beyond:
         notes.append(f"{beyond} rows with a rate that hardly ever occurs were left out")
-    virgin = all(one.virgin for one in rows) and trust_start
-    known = [_memory_is_known(one, virgin) for one in rows]
+    virgin = any(one.virgin for one in rows) and trust_start
+    known = [_memory_is_known(one, one.virgin and trust_start) for one in rows]
     picks, running = [use & k for use, k in zip(allowed, known, strict=True)], None
     settled, total = (sum(int(np.count_nonzero(m)) for m in ms) for ms in (picks, allowed))
-    if settled < max(0.3 * total, TUNING.fewest_rows):
+    least = TUNING.minor if virgin else 0.3
+    if settled < max(least * total, TUNING.fewest_rows):
         picks = allowed
         if not virgin:
             running = _find_running_offset(rows[0].u, high - low)
-            notes.append("the drive reaches its full range late; its state at the start is guessed")
+        notes.append("the drive reaches its full range late; its state at the start is guessed")
     count = sum(int(np.count_nonzero(p)) for p in picks)
     if count < TUNING.fewest_rows:
         raise BadRecording(f"{rows[0].name}: {count} usable rows are too few to identify from")

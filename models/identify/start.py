@@ -80,7 +80,9 @@ class _StartFit:
 
     def misfit(self, came_from: float) -> float:
         """Return the sum of squared errors if the drive came back from there to zero."""
-        rows = [replace(one, came_from=came_from) for one in self._setup.rows]
+        rows = [
+            replace(one, came_from=came_from) if one.virgin else one for one in self._setup.rows
+        ]
         setup = replace(self._setup, rows=rows)
         lots = setup.equations(setup.picks, self._r, 0.0, rate=self._shape.rate)
         flat = Shape(self._shape.rate, (0,))

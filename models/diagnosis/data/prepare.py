@@ -25,6 +25,7 @@ from dehyst.models.identify.setup import set_up
 from dehyst.models.identify.start import start_agrees
 from dehyst.models.recording import Recording, typical_step
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
+from dehyst.models.signals.lone import lone_readings
 from dehyst.models.signals.pasts import FRESH
 from dehyst.models.signals.repeats import repeated_readings
 
@@ -49,6 +50,7 @@ class GriddedRecording:
     dt: float
     missing: int
     repeats: int
+    lone: int
     stalls: int
 
 
@@ -58,9 +60,10 @@ def lay_on_grid(one: Recording) -> GriddedRecording:
     assert one.displacement is not None
     t, u, y = (np.asarray(a, dtype=float) for a in (one.t_s, one.drive, one.displacement))
     again = repeated_readings(y, u)
-    y = np.where(again, np.nan, y)
+    lone = lone_readings(np.where(again, np.nan, y), u)
+    y = np.where(again | lone, np.nan, y)
     raw = np.flatnonzero(np.isfinite(t) & np.isfinite(u))
-    repeats = int(np.count_nonzero(again[raw]))
+    repeats, wild = int(np.count_nonzero(again[raw])), int(np.count_nonzero(lone[raw]))
     there = int(np.count_nonzero(np.isfinite(y[raw])))
     if there < TUNING.least_samples:
         raise BadRecording(
@@ -100,8 +103,10 @@ def lay_on_grid(one: Recording) -> GriddedRecording:
         cut=cut,
         known=known & ~held_up,
         dt=dt,
-        missing=int(np.count_nonzero(~known)) - repeats,  # in a pause no readings are missing
+        # in a pause no readings are missing
+        missing=int(np.count_nonzero(~known)) - repeats - wild,
         repeats=repeats,
+        lone=wild,
         stalls=int(np.count_nonzero(steps > TUNING.stall)),
     )
 
@@ -127,7 +132,7 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
         shared &= set(one.channels)
     pieces: list[dict[str, Any]] = []  # keyed by field names of Data
     channels: dict[str, list[Floats]] = {k: [] for k in sorted(shared)}
-    part = block = missing = repeats = stalls = 0
+    part = block = missing = repeats = lone = stalls = 0
     lowest = min(_lowest_drive(one) for one in recordings)
     units = {(_units(one)) for one in recordings}
     if len(units) > 1:
@@ -141,7 +146,7 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
         n = laid.u.size
         there = laid.raw >= 0
         missing, stalls = missing + laid.missing, stalls + laid.stalls
-        repeats += laid.repeats
+        repeats, lone = repeats + laid.repeats, lone + laid.lone
         for k, pieces_of_it in channels.items():
             values = _filled(np.asarray(one.channels[k], dtype=float))[laid.raw[there]]
             pieces_of_it.append(np.interp(np.arange(n), np.flatnonzero(there), values))
@@ -178,6 +183,7 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
         unit=unit,
         missing=missing,
         repeats=repeats,
+        lone=lone,
         stalls=stalls,
     )
     if data.span <= 0:
@@ -219,8 +225,7 @@ def were_de_energised(recordings: Sequence[Recording]) -> bool:
     """Return whether what begins at the lowest drive looks as if the stage had been de-energised
     before (dehyst.models.identify.start); True where that cannot be decided."""
     try:
-        span = max(float(np.nanmax(one.drive) - np.nanmin(one.drive)) for one in recordings)
-        setups = [set_up([read_rows(one, span)], monotone=True) for one in recordings]
+        setups = [set_up([read_rows(one)], monotone=True) for one in recordings]
         return all(start_agrees(setup, rate=False) for setup in setups)
     except (DehystError, ValueError):  # also where a drive has no rows
         return True

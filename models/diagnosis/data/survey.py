@@ -47,6 +47,11 @@ def survey(
             f"{data.repeats} samples repeat the reading before, because the gauge was polled "
             "faster than it reads; each reading counts once"
         )
+    if data.lone:
+        readings = "reading is" if data.lone == 1 else "readings are"
+        said.append(
+            f"{data.lone} lone {readings} far off both neighbours, while the drive is not; left out"
+        )
     if data.stalls:
         said.append(
             f"the recorder stopped {data.stalls} time{'s' if data.stalls > 1 else ''}; the samples "
@@ -87,7 +92,7 @@ def survey(
             f"the drive hardly reverses: nothing that it causes{slow} can be distinguished from "
             "the loop"
         )
-    left_out = int(np.count_nonzero(~data.rows & (data.raw_index >= 0))) - data.repeats
+    left_out = int(np.count_nonzero(data.heads))
     if left_out > 0:
         said.append(
             f"{left_out} samples were left out of the fits, where what the stage did before is "

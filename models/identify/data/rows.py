@@ -21,13 +21,20 @@ from dehyst.models.signals.repeats import repeated_readings
 from dehyst.models.units import spell_unit
 
 
+REGULAR = 1e-3
+"""Deviation of the time steps, as a share of the usual one, below which stamps do not jitter."""
+SWEPT = 0.9
+"""Share of a recording's drive range that the drive has to sweep before its memory is known."""
+
+
 @dataclass
 class Rows:
     """The equations of one recording.
 
     u, rate, y: (N,) drive, du/dt over the true time step, displacement; NaN where unknown. use:
     (N,) rows that can be used as equations. resets: rows where the memory of the stage is unknown.
-    settled: (N,) rows at which no operator up to the widest depends on the unknown start. virgin:
+    settled: (N,) rows at which no operator that still moves depends on the unknown start; one that
+    is too wide to move adds a constant. virgin:
     the start looks de-energised. notes: remarks for the user. piece: (N,) stretch of the drive.
     came_from: where the drive had been before a reset, relative to the operators' offset.
     """
@@ -51,9 +58,8 @@ class Rows:
             self.piece = np.zeros(self.u.size, dtype=np.int8)
 
 
-def read_rows(recording: Recording, span: float | None = None) -> Rows:
-    """Return the rows of one recording. span: drive span over all recordings (default: that of this
-    one).
+def read_rows(recording: Recording) -> Rows:
+    """Return the rows of one recording.
 
     Raises BadRecording when nothing can be learned from it, in one sentence with the remedy.
     """
@@ -87,7 +93,7 @@ def read_rows(recording: Recording, span: float | None = None) -> Rows:
         )
     rate, resets = compute_rates(t, u, period)
     settled = np.zeros(u.size, dtype=bool)
-    _settle(u, resets, 2.0 * 0.5 * (span or own) * 0.9, settled)
+    _settle(u, resets, SWEPT * own, settled)
     use = present & ~np.isnan(y) & ~np.isnan(rate)
     virgin = _looks_virgin(u[present], own)
     return Rows(name, t, u, rate, y, use, resets, settled, virgin, period, notes)
@@ -173,7 +179,9 @@ def _stamps_jitter(t: Floats, u: Floats) -> bool:
     """
     t, u = t[:200_000], u[:200_000]
     steps = np.diff(t)
-    if float(np.max(steps)) > 3.0 * float(np.median(steps)):
+    usual = float(np.median(steps))
+    off = float(np.quantile(np.abs(steps - usual), 0.9))
+    if float(np.max(steps)) > 3.0 * usual or off < REGULAR * usual:
         return False
     part = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
     by_number = np.abs(u[1:-1] - 0.5 * (u[:-2] + u[2:]))

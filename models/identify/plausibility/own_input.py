@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dehyst.models.cascade.figures import describe
-from dehyst.models.cascade.simulate import simulate
+from dehyst.models.cascade.history import replay
 from dehyst.models.errors import BadRecording
 from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.plausibility.recordings import measure_line
@@ -53,14 +53,16 @@ class OwnInput:
 def simulate_own_input(
     model: Model, rows: Sequence[Rows], used: Sequence[Bools]
 ) -> tuple[OwnInput, ...]:
-    """Simulate each whole recording, without lone glitches of its drive. used: (N,) rows of each
+    """Simulate each whole recording, without lone glitches of its drive, after the history that
+    fits it best. used: (N,) rows of each
     that were fitted. Each recording but the first has its own offset, the mean over its fitted
     rows."""
     found = []
     for place, (one, fitted) in enumerate(zip(rows, used, strict=True)):
         driven = ~np.isnan(one.u)
         error = np.full(one.u.size, np.nan)
-        error[driven] = one.y[driven] - simulate(model, one.t_s[driven], one.u[driven])
+        own = one.y[driven]
+        error[driven] = own - replay(model, one.t_s[driven], one.u[driven], {}, own).predicted
         known = ~np.isnan(error)
         fit, others = known & fitted, known & ~fitted
         if place and fit.any():

@@ -136,6 +136,9 @@ def require_better_than_a_line(
                 "are missing); record a drive that moves all the time (dehyst excite designs one)"
             )
         (some,) = thin([pick], TUNING.rows_fitted)
+        own = float(np.nanmax(one.u) - np.nanmin(one.u))
+        if int(some.sum()) < TUNING.fewest_rows or np.ptp(one.u[some]) < TUNING.half * own:
+            continue  # a rest, of which a straight line leaves as little
         line = measure_line(one.u[some], one.y[some])
         left = rms(error[some])
         if not left <= line:
