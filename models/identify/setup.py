@@ -42,9 +42,9 @@ class FitSetup:
     picks: rows of each recording that are used as equations; sign: of the displacement by the
     drive; limits: lowest and highest slope allowed, or None; slope: the mean slope; rate_max,
     acceleration_max: largest rate of the drive and largest change of the rate; period_s: the
-    longest sampling period; virgin: at least one recording begins de-energised; folds: number of folds;
-    running: offset for a drive that comes from far away, or None; by_turns: after a turn, a slope
-    is bounded up to the rate that the drive can have there, not up to the largest rate.
+    longest sampling period; virgin: at least one recording begins de-energised; folds: number of
+    folds; running: offset for a drive that comes from far away, or None; by_turns: after a turn, a
+    slope is bounded up to the rate that the drive can have there, not up to the largest rate.
     """
 
     rows: Sequence[Rows]

@@ -47,6 +47,30 @@ def count_reversing_segments(
     return ways, backs
 
 
+FAR_TURN, FARTHEST = 0.2, 0.15
+"""Of a turn at which jumps are looked for: least way that follows, and largest way within which the
+drive has to be read, as fractions of its range."""
+
+
+def find_jumps_at_turns(u: Floats, y: Floats, way: float) -> Floats:
+    """Return (K,) by how much further the reading moves than a straight line, right after each turn
+    of the drive, in the direction of the drive. u, y: (N,) without gaps; way: what counts as right
+    after a turn, as a fraction of the drive's range."""
+    span, gain = float(np.ptp(u)), float(np.ptp(np.quantile(y, [0.02, 0.98])))
+    sense = np.sign(np.polyfit(u, y, 1)[0])
+    found = []
+    for turn in _find_turns(u, FAR_TURN * span):
+        moved = np.abs(u[turn:] - u[turn]) >= way * span
+        if not moved.any():
+            continue
+        after = turn + int(np.argmax(moved))
+        step = float(u[after] - u[turn])
+        if abs(step) < FARTHEST * span:
+            reading = sense * np.sign(step) * float(y[after] - y[turn])
+            found.append(reading - gain * abs(step) / span)
+    return np.array(found)
+
+
 SMALL_WAY = 0.05
 """Smallest reversal that counts as a turn, as a fraction of the drive range."""
 ALIKE = 1.3

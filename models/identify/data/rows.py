@@ -20,7 +20,6 @@ from dehyst.models.recording import Bools, Floats, Recording
 from dehyst.models.signals.repeats import repeated_readings
 from dehyst.models.units import spell_unit
 
-
 REGULAR = 1e-3
 """Deviation of the time steps, as a share of the usual one, below which stamps do not jitter."""
 SWEPT = 0.9

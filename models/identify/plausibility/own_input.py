@@ -14,7 +14,10 @@ from dehyst.models.identify.plausibility.recordings import measure_line
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording
-from dehyst.models.signals.drive_segments import count_reversing_segments
+from dehyst.models.signals.drive_segments import (
+    count_reversing_segments,
+    find_jumps_at_turns,
+)
 from dehyst.models.signals.joined import Ints
 
 BUTTERFLY = (
@@ -22,6 +25,13 @@ BUTTERFLY = (
     "ferroelectric that is driven through its coercive field); drive it on one side of that only"
 )
 
+WIDEST = 0.35
+"""Widest loop of a piezo below its coercive field, as a fraction of the stroke: a third, and what
+noise adds."""
+TURN, JUMP, REPEATED = 0.04, 0.07, 0.07
+"""Of a turn with friction: the way after it as a fraction of the drive's range; by how much the
+displacement moves further than the drive, as a fraction of its range, where creep, rate and
+resonance leave 0.05; least width of the loop that shows that it repeats."""
 SAME_SIGNAL = 1e-9
 """Residual of a straight line through the drive, as a fraction of the rms of the displacement,
 below which the displacement is a copy of the drive."""
@@ -103,6 +113,7 @@ def require_own_input(
                 f"outliers); the model leaves {one.other_rms:.3g} {unit} rms there and "
                 f"{one.fitted_rms:.3g} in the others"
             )
+        _require_no_jumps(one.name, its.u, its.y)
     figures = describe(model)
     _require_narrow(rows[0].name, figures.hysteresis)
     loop = figures.hysteresis * figures.stroke
@@ -135,8 +146,25 @@ def require_ordinary_loop(recordings: Sequence[Recording]) -> None:
         _require_narrow(one.name, measure_loop_width(u, y))
 
 
+def _require_no_jumps(name: str, u: Floats, y: Floats) -> None:
+    """Raise BadRecording if the displacement (N,) jumps ahead at the turns of the drive, as it does
+    with dry friction."""
+    known = ~np.isnan(u) & ~np.isnan(y)
+    u, y = u[known], y[known]
+    size = float(np.ptp(np.quantile(y, [0.02, 0.98])))
+    if not size or measure_loop_width(u, y) < REPEATED:
+        return
+    jumps = find_jumps_at_turns(u, y, TURN) / size
+    if jumps.size > 1 and float(np.median(jumps)) > JUMP:
+        raise BadRecording(
+            f"{name}: at a turn of the drive the displacement jumps by {np.median(jumps):.0%} of "
+            "its range, as with dry friction: no hysteresis that can be inverted looks like this; look "
+            "for something that rubs, or that is loose"
+        )
+
+
 def _require_narrow(name: str, width: float) -> None:
-    if width > TUNING.half:
+    if width > WIDEST:
         raise BadRecording(
             f"{name}: the loop is {width:.0%} of the stroke wide; a piezo below its "
             "coercive field stays below a third. It is driven through its coercive field, rubs "
