@@ -158,8 +158,8 @@ def _require_no_jumps(name: str, u: Floats, y: Floats) -> None:
     if jumps.size > 1 and float(np.median(jumps)) > JUMP:
         raise BadRecording(
             f"{name}: at a turn of the drive the displacement jumps by {np.median(jumps):.0%} of "
-            "its range, as with dry friction: no hysteresis that can be inverted looks like this; look "
-            "for something that rubs, or that is loose"
+            "its range, as with dry friction: no hysteresis that can be inverted looks like this; "
+            "look for something that rubs, or that is loose"
         )
 
 
