@@ -33,7 +33,7 @@ LARGEST = 1e15  # beyond this a number is damage, not a measurement; its cube st
 MISSING = {
     "", "nan", "-nan", "nan(ind)", "-nan(ind)", "nan(snan)", "-nan(snan)", "na", "n/a", "<na>",
     "nat", "null", "none", "nil", "-", "--", "---", "#n/a", "#nv", "#num!", "#zahl!", "#div/0!",
-    "#value!", "#wert!", "#ref!", "#bezug!", "#name?", "#null!", "n.a.", "n.d.", "?", "*",
+    "#value!", "#wert!", "#ref!", "#bezug!", "#name?", "#null!", "n.a.", "n.d.", "?",
     "over", "overflow", "over range", "overrange", "ovld", "+ovld", "-ovld", "ol", "+ol", "-ol",
     "ovl", "∞", "+∞", "-∞", "−∞",
 }  # fmt: skip
@@ -224,7 +224,9 @@ def _field(name: str, line: int, key: str, field: str) -> float:
 def is_missing(text: str) -> bool:
     """Return whether a field says that there is no value."""
     lower = text.lower()
-    return lower in MISSING or (("#" in text or "e" in lower) and bool(_NO_NUMBER.fullmatch(lower)))
+    if lower in MISSING or not lower.strip("*"):  # Fortran fills a field with stars
+        return True
+    return ("#" in text or "e" in lower) and bool(_NO_NUMBER.fullmatch(lower))
 
 
 def _is_number(text: str) -> bool:

@@ -83,7 +83,8 @@ def load_columns(
         raise BadRecording(f"{path}: is not an ordinary file")
     if not name.lower().endswith(SUFFIXES):
         raise BadRecording(
-            f"{name}: unknown kind of file; {', '.join(SUFFIXES)} are read (rename a text file to .txt)"
+            f"{name}: unknown kind of file; {', '.join(SUFFIXES)} are read (rename a text file to "
+            ".txt)"
         )
     kind = path.suffix.lower()
     _refuse_wrong_suffix(path)
@@ -197,6 +198,7 @@ def _numbers(values: Any) -> Any:
 def _understood(path: Path, found: Sheet, reading: ReadOptions, wants: Sequence[str]) -> Loaded:
     for column in found.columns:  # shown in messages, and given to --columns as shown
         column.heading, column.unit = printable(column.heading), printable(column.unit)
+        column.values = _finite(column.values)
     found.said = [printable(text) for text in found.said]
     found = of_one_length(path.name, found, [str(v) for v in reading.columns.values()])
     _refuse_absurd(path.name, {c.heading: c.values for c in found.columns})
@@ -206,6 +208,13 @@ def _understood(path: Path, found: Sheet, reading: ReadOptions, wants: Sequence[
         left = [text for text in found.said if "left out" in text]
         raise BadRecording("; ".join([str(error), *left])) from None
     return Loaded(read.columns, found.notes, read.said, read.seconds, found.where)
+
+
+def _finite(values: Any) -> Any:
+    """Return the values with NaN for infinity, which programs write beyond an instrument's range
+    and for a division by zero; what is missing is counted and reported."""
+    values = np.asarray(values, dtype=np.float64)
+    return np.where(np.isinf(values), np.nan, values) if np.any(np.isinf(values)) else values
 
 
 def _load_npz(path: Path, reading: ReadOptions, wants: Sequence[str]) -> Loaded:

@@ -63,14 +63,14 @@ def repair_times(
     cuts = [0, *back.tolist(), t_s.size]
     if back.size > REVERSED * steps.size:
         raise BadRecording(
-            f"{name}: the times fall from row to row, from {t_s[0]:.9g} to {t_s[-1]:.9g}: the newest "
-            "row stands first; reverse the order of the rows"
+            f"{name}: the times fall from row to row, from {t_s[0]:.9g} to {t_s[-1]:.9g}: the "
+            "newest row stands first; reverse the order of the rows"
         )
     if back.size > UNSORTED * steps.size:
         raise BadRecording(
             f"{name}: {where(int(back[0]))}: the time goes back, and {back.size} times in all; is "
-            "this the column of the time? --columns t=... names another; if it is, sort the rows by "
-            "time"
+            "this the column of the time? --columns t=... names another; if it is, sort the rows "
+            "by time"
         )
     if len(cuts) - 1 > MOST_PARTS:
         raise BadRecording(

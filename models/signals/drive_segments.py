@@ -63,10 +63,10 @@ def find_jumps_at_turns(u: Floats, y: Floats, way: float) -> Floats:
         moved = np.abs(u[turn:] - u[turn]) >= way * span
         if not moved.any():
             continue
-        after = turn + int(np.argmax(moved))
+        after, before = turn + int(np.argmax(moved)), max(turn - 2, 0)  # a gauge may be a row late
         step = float(u[after] - u[turn])
         if abs(step) < FARTHEST * span:
-            reading = sense * np.sign(step) * float(y[after] - y[turn])
+            reading = sense * np.sign(step) * float(y[after] - y[before])
             found.append(reading - gain * abs(step) / span)
     return np.array(found)
 

@@ -12,6 +12,11 @@ STEPS = 4.0
 """The same in steps of the gauge."""
 BOTH = 0.7
 """Share of its deviation by which a lone reading differs from both of its neighbours."""
+ALONE = 0.8
+"""Largest deviation of a neighbour, as a share: it has two thirds, as the lone reading is one of
+its four neighbours, and a ringing mode near half the sampling rate gives more."""
+APART = 10
+"""Fewest rows between two: closer ones belong to a motion, such as a mode that rings."""
 DRIVEN = 0.2
 """Largest share of the deviation that the drive may explain."""
 FEW = 0.005
@@ -28,16 +33,22 @@ def lone_readings(y: Floats, u: Floats) -> Bools:
         return lone
     v, drive = y[known], u[known]
     off, beside = _off_the_cubic(v), np.abs(_off_the_cubic(drive))
-    size = 1.4826 * float(np.median(np.abs(off)))
-    limit = max(OFF * size, STEPS * quantum(v), 1e-12 * float(np.ptp(v)))
+    scatter = 1.4826 * float(np.median(np.abs(off)))
+    limit = max(OFF * scatter, STEPS * quantum(v), 1e-12 * float(np.ptp(v)))
     before, after = v[2:-2] - v[1:-3], v[2:-2] - v[3:-1]
     both = np.where(before * after > 0.0, np.minimum(np.abs(before), np.abs(after)), 0.0)
     gain = float(np.ptp(np.quantile(v, [0.02, 0.98])))
     gain /= max(float(np.ptp(np.quantile(drive, [0.02, 0.98]))), 1e-300)
+    rest = np.maximum(np.abs(np.roll(off, 1)), np.abs(np.roll(off, -1)))  # two thirds if alone
     near = np.max([np.roll(beside, k) for k in (-2, -1, 0, 1, 2)], axis=0)
-    far = (np.abs(off) > limit) & (both > BOTH * np.abs(off)) & (gain * near < DRIVEN * np.abs(off))
-    if 0 < np.count_nonzero(far) <= max(1.0, FEW * known.size):
-        lone[known[2:-2][far]] = True
+    size = np.abs(off)
+    far = (size > limit) & (both > BOTH * size) & (gain * near < DRIVEN * size)
+    far &= rest < ALONE * size
+    at = np.flatnonzero(far)
+    gaps = np.diff(at, prepend=-APART, append=far.size + APART)
+    at = at[np.minimum(gaps[:-1], gaps[1:]) >= APART]
+    if 0 < at.size <= max(1.0, FEW * known.size):
+        lone[known[2:-2][at]] = True
     return lone
 
 

@@ -38,6 +38,11 @@ def dry(u: Floats, force: float) -> Floats:
     return plays(u, np.array([force]), np.array([1.0]))
 
 
+def ahead(u: Floats) -> Floats:
+    """The direction of the drive: what dry friction between the gauge and the stage adds."""
+    return np.asarray(np.sign(np.gradient(u)))
+
+
 def outside(seed: int = 0) -> dict[str, Recording]:
     """Return recordings by kind: none of them has a hysteresis that can be inverted."""
     t = times(8.0)
@@ -60,6 +65,11 @@ def outside(seed: int = 0) -> dict[str, Recording]:
         "square friction loop": (t, sine, np.sign(dry(sine, 40.0)) + 0.002 * sine),
         "dry friction": (t, sine, dry(sine, 70.0)),
         "dry friction, triangle": (t, triangle, dry(triangle, 60.0)),
+        **{
+            f"friction ahead of {force:.0%}": (t, drive, drive + 200.0 * force * ahead(drive))
+            for force, drive in ((0.04, sine), (0.07, triangle), (0.15, triangle))
+        },
+        "switching loop of 40 %": (t, sine, polarisation(sine, 50.0, 45.0) + 0.006 * sine),
         "one way up": (t, t * 10.0, t * 3.0),
         "one way down": (t, -(t**1.5), -t),
         "nothing that follows": (t, sine, rng.standard_normal(t.size)),

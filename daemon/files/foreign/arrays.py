@@ -87,19 +87,14 @@ def of_one_length(name: str, found: Sheet, wanted: Iterable[str] = ()) -> Sheet:
         roles[c.values.size] |= {role_of(c.heading, find_unit_key(c.unit))[0]} - {""}
     runs = sorted(size for size in sizes if {"u", "y"} <= roles[size])
     if len(runs) > 1 and not of_wanted:
-        drives = (
-            next(
-                c.heading
-                for c in found.columns
-                if c.values.size == size and role_of(c.heading, find_unit_key(c.unit))[0] == "u"
-            )
-            for size in runs
-        )
-        them = ", ".join(
-            f"{size} rows ('{drive[:40]}')" for size, drive in zip(runs, drives, strict=True)
+        them = ", ".join(f"{size} rows ('{_of_size(found, size)['u'].heading}')" for size in runs)
+        option = ",".join(
+            f'{role}="{column.heading}"'
+            for role, column in sorted(_of_size(found, runs[0]).items())
         )
         raise BadRecording(
-            f"{name}: it holds several runs, of {them}: name the columns of one, --columns u=...,y=..."
+            f"{name}: it holds several runs, of {them}: name the columns of one, such as --columns "
+            + option
         )
     size = max(of_wanted or sizes, key=lambda n: ({"t", "u"} <= roles[n], len(roles[n]), n))
     left = [c.heading for c in found.columns if c.values.size != size]
@@ -108,6 +103,16 @@ def of_one_length(name: str, found: Sheet, wanted: Iterable[str] = ()) -> Sheet:
         f"of another length and left out: {', '.join(left[:5])}{', ...' * (len(left) > 5)}"
     )
     return found
+
+
+def _of_size(found: Sheet, size: int) -> dict[str, Column]:
+    """Return the first column of this length for each role of t, u and y."""
+    out: dict[str, Column] = {}
+    for column in found.columns:
+        role = role_of(column.heading, find_unit_key(column.unit))[0]
+        if column.values.size == size and role in ("t", "u", "y"):
+            out.setdefault(role, column)
+    return out
 
 
 def _columns(name: str, unit: str, array: Any) -> list[Column]:

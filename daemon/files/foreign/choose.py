@@ -21,6 +21,7 @@ from dehyst.daemon.files.foreign.roles import (
     names_drive,
     role_of,
     says_neither,
+    says_role,
 )
 from dehyst.daemon.files.foreign.units import ANGLE, LENGTH, VOLTAGE, find_unit_key, split_heading
 from dehyst.models.errors import BadRecording
@@ -49,9 +50,7 @@ def choose_columns(
     roles = _roles(columns, free, "y" in chosen)
     if "target" in wants and not any(role == "target" for role, _ in roles.values()):
         roles = {i: ("target", sure) if r == "y" else (r, sure) for i, (r, sure) in roles.items()}
-    steady = [
-        i for i in free if not roles[i][0] and _rises_evenly(columns[i]) and not _counts(columns[i])
-    ]
+    steady = [i for i in free if _may_be_time(columns[i], roles[i])]
     several: dict[str, list[int]] = {}
     alike: dict[str, list[int]] = {}  # the same values in each run
     which: list[str] = []
@@ -68,6 +67,7 @@ def choose_columns(
             continue
         best = max((sure for r, sure in roles.values() if r == role), default=0)
         found = [i for i, (r, sure) in roles.items() if r == role and sure == best]
+        found = [i for i in found if i != advised.get("t")]
         if len(found) > 1 and _all_the_same(columns, found):
             alike[role], found = found, found[:1]
         if len(found) == 1:
@@ -77,7 +77,8 @@ def choose_columns(
             both = both or (role == "u" and not _holds(roles, "y") and "y" not in chosen)
             advised |= {"u": found[0], "y": found[-1]} if both else {}
             if not both:
-                advised[role] = _most_like(columns, found, role, chosen | advised)
+                others = [i for i in found if i not in advised.values()]
+                advised[role] = _most_like(columns, others or found, role, chosen | advised)
             option = _option(columns, {r: i for r, i in advised.items() if r == role or both})
             asks = f"the {NAMES[role]}" + ", which the displacement" * both
             which.append(f"{names}: which is {asks}? add {option}")
@@ -96,6 +97,8 @@ def choose_columns(
             )
     run = several and _of_one_run(columns, alike | several, chosen)
     run = run or _of_one_run(columns, several, chosen)
+    taken = {i for role, i in advised.items() if role not in several}
+    run = {} if any(taken & set(of) for of in run.values()) else run
     if run and not (both and len(run["u"]) < 2):
         one: dict[str, int] = {}
         for role in sorted(run):
@@ -256,7 +259,15 @@ def _without_role(
     measured = [i for i in may if roles[i][0] == "y"]
     if role == "u" and len(measured) == 1:
         may.remove(measured[0])
-    return [i for i in may if not roles[i][0]] or may
+    named = [i for i in of if says_role(columns[i].heading, role)]  # "Drive (%)"
+    return [i for i in may if not roles[i][0]] or may or named
+
+
+def _may_be_time(column: Column, role: tuple[str, int]) -> bool:
+    """Return whether a column rises as times do, and neither its heading nor its unit says what it
+    is: the name of an axis does not, as "x" of a curve may be the time."""
+    axis = role[1] == BY_UNIT and not kind_of(column.heading, find_unit_key(column.unit))
+    return (not role[0] or axis) and _rises_evenly(column) and not _counts(column)
 
 
 def _rises_evenly(column: Column) -> bool:
@@ -265,6 +276,17 @@ def _rises_evenly(column: Column) -> bool:
     if steps.size < 2 or not bool(np.all(steps > 0.0)):
         return False
     return float(np.ptp(steps)) < EVEN * float(np.mean(steps))
+
+
+def _rises(column: Column) -> bool:
+    """Return whether the values never fall, as times do not."""
+    steps = np.diff(np.asarray(column.values, dtype=np.float64))
+    return bool(np.all(steps >= 0.0)) and 2 * int(np.count_nonzero(steps)) > steps.size
+
+
+def _moves(column: Column) -> bool:
+    values = np.asarray(column.values, dtype=np.float64)
+    return np.unique(values[np.isfinite(values)]).size > 1
 
 
 def _counts(column: Column) -> bool:
@@ -292,7 +314,8 @@ def _ask_by_number(
         first = ", ".join(
             f"column {columns[i].number}: {columns[i].values[0]:.6g}" for i in free[:6]
         )
-        which, untimed = _advised_without_headings(columns, free, roles)
+        also = [r for r in "uy" if r not in (*wants, *chosen) and "target" not in wants]
+        which, untimed = _advised_without_headings(columns, free, roles, also)
         option = _option(columns, which) + (" --rate HZ (no column holds times)" if untimed else "")
         asked.append(
             f"{len(columns)} columns of numbers without headings (the first row is {first}): say "
@@ -301,22 +324,22 @@ def _ask_by_number(
 
 
 def _advised_without_headings(
-    columns: Sequence[Column], free: Sequence[int], roles: Sequence[str]
+    columns: Sequence[Column], free: Sequence[int], roles: Sequence[str], also: Sequence[str]
 ) -> tuple[dict[str, int], bool]:
-    """Return (column to advise for each role, whether none of them holds times): the times rise
-    evenly, row numbers are no times, and what stands still or is there twice is not advised."""
+    """Return (column to advise for each role, whether none of them holds times): the times rise,
+    row numbers are no times, and what stands still or is there twice is only advised where nothing
+    else is left for a role. also: roles to advise columns for if there are any left."""
     steady = [i for i in free if _rises_evenly(columns[i])]
-    times = [i for i in steady if not _counts(columns[i])]
-    moving = [i for i in free if i not in steady and np.ptp(columns[i].values) > 0.0]
-    twice = [i for i in moving if any(_all_the_same(columns, [j, i]) for j in moving if j < i)]
-    others = [i for i in moving if i not in twice]
-    further = [role for role in roles if role != "t"]
-    if "t" in roles and not times and (steady or len(free) < len(roles)):
-        return dict(zip(further, others or free, strict=False)), True
-    in_order = [*times[:1], *others] if "t" in roles else others
-    if len(in_order) < len(roles) or ("t" in roles and not times):
-        in_order = list(free)
-    return dict(zip(roles, in_order, strict=False)), False
+    rising = [i for i in steady if not _counts(columns[i])]
+    rising += [i for i in free if i not in steady and _rises(columns[i])]
+    times = rising[:1] if "t" in roles else []
+    moving = [i for i in free if i not in (*steady, *times) and _moves(columns[i])]
+    others = [i for i in moving if not any(_all_the_same(columns, [j, i]) for j in moving if j < i)]
+    further = [role for role in (*roles, *also) if role != "t"]
+    needed = len(further) - len(also)
+    others += [i for i in free if i not in (*others, *times)][: max(0, needed - len(others))]
+    advised = {"t": times[0]} if times else {}
+    return advised | dict(zip(further, others, strict=False)), "t" in roles and not times
 
 
 def _named(name: str, columns: Sequence[Column], role: str, wanted: str | int) -> int:

@@ -15,6 +15,8 @@ GROUPED_APART = re.compile(r"[+-]?[1-9]\d{0,2}(['\u2019 \xa0\u2009\u202f]\d{3})+
 """With apostrophes, as in Switzerland, or with spaces, as in France; a field holds a plain space
 only where something else separates the fields."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d*)?)")
+_MILLISECONDS = re.compile(r"(:\d\d:\d\d):(\d{3})(?!\d)")
+"""Behind a colon, as data loggers of Keysight write them."""
 _HALF_DAY = re.compile(r"(?:(.*)\s)?\s*(1[0-2]|0?[1-9])(:.*\d)\s*([ap])\.?m\.?", re.I)
 _DAYS = re.compile(r"(\d+) days?,? (.*)", re.I)
 _SLASHED = re.compile(r"(\d{1,2})/(\d{1,2})/(\d{4})\s+(.*)")
@@ -64,6 +66,7 @@ def moment_of(text: str) -> float | None:
     mark. Of a date with slashes the month comes first, unless it is none."""
     if ":" not in text or len(text) > 40:
         return None
+    text = _MILLISECONDS.sub(r"\1.\2", text)
     if clock := _CLOCK.fullmatch(text):
         return int(clock[1]) * 3600.0 + int(clock[2]) * 60.0 + float(clock[3].replace(",", "."))
     if days := _DAYS.fullmatch(text):

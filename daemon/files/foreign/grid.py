@@ -199,8 +199,8 @@ def fill(
 def _no_number(name: str, layout: GridLayout, j: int, place: str, cell: Any) -> BadRecording:
     what = layout.headings[j] or f"column {j}"
     return BadRecording(
-        f"{name}: {place}: {what} is {str(cell)[:20]!r}, not a number: empty the field where a value "
-        "is missing, or delete the line where it is none of the recording's, such as a sum"
+        f"{name}: {place}: {what} is {str(cell)[:20]!r}, not a number: empty the field where a "
+        "value is missing, or delete the line where it is none of the recording's, such as a sum"
     )
 
 

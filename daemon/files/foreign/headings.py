@@ -87,19 +87,24 @@ def find_names(
     lines that are not empty; split: returns the ways to read a line whose names may hold blanks, if
     blanks separate."""
     near: list[tuple[int, list[str]]] = []
-    for i, row in rows[-LINES_ABOVE:]:
+    for i, row in _near_or_labelled(rows, numbers):
         found = _of_blanks(split(i), numbers) if split else _aligned(row, numbers)
         near.append((i, found))
     units = next(
         (k for k in reversed(range(len(near))) if _is_line_of_units(k, near, numbers)), None
     )
     named = [k for k, (_, cells) in enumerate(near) if _may_name(cells, numbers)]
+    below_nothing = {i for i, row in rows if numbers.first_empty and _is_labelled(row)}
+
+    def labelled(k: int) -> bool:
+        return near[k][0] in below_nothing
+
     over = [k for k in named if k != units]
     if units is None or not over:
-        units, best = None, max(named, default=None)
+        units, best = None, max(named, key=lambda k: (labelled(k), k), default=None)
     else:
         at = units
-        best = max(over, key=lambda k: (_known(near[k][1]), k < at, -abs(k - at)))
+        best = max(over, key=lambda k: (labelled(k), _known(near[k][1]), k < at, -abs(k - at)))
     if units is not None and best is not None and units < best:
         units = None if any(split_heading(cell)[1] for cell in near[best][1]) else units
     if best is None:
@@ -116,6 +121,17 @@ def find_names(
         step_s,
         start_s,
     )
+
+
+def _near_or_labelled(rows: Sequence[tuple[int, Row]], numbers: Numbers) -> list[tuple[int, Row]]:
+    """Return the lines among which names and units are looked for: those directly above the
+    numbers, and those that a label in front of an empty column marks, as Yokogawa writes them."""
+    further = [line for line in rows[:-LINES_ABOVE] if _is_labelled(line[1])]
+    return [*(further if numbers.first_empty else []), *rows[-LINES_ABOVE:]]
+
+
+def _is_labelled(row: Row) -> bool:
+    return next(iter(texts_of(_unmarked(row))), "").lower() in _LABELS
 
 
 def gcs_header(rows: Sequence[tuple[int, Row]], width: int) -> tuple[list[str], float]:

@@ -94,10 +94,16 @@ def _add_units(part: Sheet, header: Header) -> None:
     units = header.get("Y_Unit_Label", [])
     channels = [c for c in part.columns if not re.fullmatch(r"X_Value(\.\d+)?", c.heading)]
     of = channels if len(units) == len(channels) else part.columns  # with a field for each time
+    above = {number: unit for number, unit in enumerate(units, 1) if unit}
     if len(units) == len(of):
-        for column, unit in zip(of, units, strict=True):
-            stated = read_heading(column.heading)
-            column.unit = column.unit or ("" if stated.unit or stated.stated else unit)
+        named = list(zip(of, units, strict=True))
+    elif above.keys() <= (numbers := {c.number for c in channels}) and 0 not in numbers:
+        named = [(c, above.get(c.number, "")) for c in channels]  # each unit stands over its column
+    else:
+        named = []
+    for column, unit in named:
+        stated = read_heading(column.heading)
+        column.unit = column.unit or ("" if stated.unit or stated.stated else unit)
 
 
 def _joined(

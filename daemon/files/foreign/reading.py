@@ -82,7 +82,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add("--time-unit", dest="reading_time_unit", choices=TIME_UNITS, help="unit of the times")
     units = ", ".join(DRIVE_UNITS)
     add("--drive-unit", dest="reading_drive_unit", metavar="UNIT", help=f"of the drive: {units}")
-    also = "of the displacement: one of these, rad or deg"
+    also = "of the displacement: one of these, angstrom, rad or deg"
     add("--unit", dest="reading_unit", metavar="UNIT", help=also)
 
 

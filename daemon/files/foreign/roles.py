@@ -84,8 +84,10 @@ _PLAIN = re.compile(rf"(?:(t)_s|(u|y|target)_(?:{'|'.join(UNIT_NAMES)}))")
 
 
 def words_of(name: str) -> set[str]:
-    """Return the words of a heading in lower case: "driveVoltage" gives "drive", "voltage"."""
-    apart = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", name.rpartition("/")[2] or name)
+    """Return the words of a heading in lower case: "driveVoltage" gives "drive", "voltage". The
+    name of a list says nothing about its members: "exp.Y.0.Data" gives "exp", "data"."""
+    single = re.sub(r"[^./]+\.\d+\.", "", name.rpartition("/")[2] or name)
+    apart = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", single)
     words = set(re.findall(r"[^\W\d_]+", apart.lower()))
     return words | {"spannung" for w in words if w.endswith("spannung")}
 
@@ -137,6 +139,12 @@ def kind_of(heading: str, unit: str) -> str:
 def says_neither(heading: str, unit: str) -> bool:
     """Return whether a heading is that of neither drive nor displacement: "Amplifier status"."""
     return kind_of(heading, unit) == OTHER or bool(_words(heading) & _NEITHER)
+
+
+def says_role(heading: str, role: str) -> bool:
+    """Return whether a word of a heading names the drive or the displacement, whatever its unit."""
+    words = _words(heading)
+    return not words & _NEITHER and bool(words & (_DRIVE if role == "u" else _DISPLACEMENT))
 
 
 def daq_side(heading: str, unit: str) -> str:

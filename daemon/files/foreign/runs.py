@@ -80,7 +80,9 @@ def score(rows: Sequence[Row], decimal: str) -> tuple[int, int, int]:
     noted = [any(k[j] == TEXT for k in kinds[first:] if len(k) > j) for j in range(width)]
     for i in range(first):
         size = length_of(rows[i])
-        other = any(k == TEXT and not n for k, n in zip(kinds[i], noted, strict=False))
+        other = any(  # a label in front of numbers, not in columns of its own as at Tektronix
+            k == TEXT and not noted[j] and j + 1 in sure for j, k in enumerate(kinds[i][:width])
+        )
         if len(kinds[i]) <= max(sure) or other or any(kinds[i][j] == TEXT for j in sure):
             continue
         if 2 * sum(kinds[i][j] == NUMBER for j in sure) < len(sure) or _is_label(rows, i - 1):

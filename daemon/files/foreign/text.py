@@ -19,6 +19,7 @@ from dehyst.daemon.files.csv_table import (
     TRUSTED_BYTES,
     is_missing,
 )
+from dehyst.daemon.files.foreign.fields import GROUPED_APART
 from dehyst.daemon.files.foreign.found import Sheet
 from dehyst.daemon.files.foreign.grid import (
     LOOKED_AT,
@@ -106,6 +107,7 @@ def understand_text(
         places = places[:50]
     sample = [lines[i] for i in places]
     best: tuple[int, str, str] = (0, "", "")
+    best_rows: list[list[str]] = []
     for one, word in SEPARATORS:
         if separator not in (None, one):
             continue
@@ -114,8 +116,8 @@ def understand_text(
         if max(map(len, rows)) < 2:
             continue
         gain = max(score(rows, decimal)[0] for decimal in (".", ","))
-        if gain > best[0]:
-            best = gain, one, word
+        if gain > best[0] and not (best[1] == "\t" and not one and _only_groups(best_rows)):
+            best, best_rows = (gain, one, word), rows
     gain, separator, word = best
     if not gain:
         raise BadRecording(
@@ -140,11 +142,20 @@ def understand_text(
         rows_of = _without_notes(name, lines, first, layout, split, above, marked)
         found = fill(name, layout, rows_of, lambda place: f"line {above + place + 1}")
         if marked:
+            lines_of = "1 line" if len(marked) == 1 else f"{len(marked)} lines"
             found.said.append(
-                f"{len(marked)} lines of numbers behind a comment mark left out, the first in line "
+                f"{lines_of} of numbers after a comment mark left out, the first in line "
                 f"{above + marked[0] + 1}"
             )
     return found
+
+
+def _only_groups(rows: Sequence[Sequence[str]]) -> bool:
+    """Return whether blanks inside the fields only set thousands apart ("7 875.4"): then they do
+    not separate fields. A field with letters does not count."""
+    fields = (cell.strip().replace(",", ".") for row in rows for cell in row)
+    inside = [field for field in fields if re.fullmatch(r"[-+.\d]+( +[-+.\d]+)+", field)]
+    return bool(inside) and all(map(GROUPED_APART.fullmatch, inside))
 
 
 def splitter(separator: str) -> Callable[[str], list[str]]:

@@ -31,6 +31,7 @@ from dehyst.daemon.files.foreign.units import (
     is_other_unit,
     read_heading,
     split_heading,
+    states_factor,
 )
 from dehyst.models.errors import BadRecording
 from dehyst.models.modelfile import UNIT_NAMES
@@ -144,7 +145,7 @@ def _take_time(
             out["t_s"] = np.asarray(found.start_s + step_s * np.arange(rows), dtype=np.float64)
             source = "--rate" if reading.rate_hz else "the file's own period"
             said.append(f"t from {source} ({step_s:.6g} s a row)")
-        elif not any("columns t=" in text for text in asked):
+        elif not any("columns t=" in text or "no column holds times" in text for text in asked):
             asked.append("no column of times: add --rate HZ (rows a second), or --columns t=...")
         return
     column = columns[number]
@@ -168,8 +169,10 @@ def _take_time(
         known = np.diff(values[np.isfinite(values)])
         step = float(np.median(known[known > 0.0])) if np.any(known > 0.0) else 0.0
         if not 0.0 < step < SURELY_SECONDS:
+            rows_too = ", or --rate HZ if it counts the rows" if step == 1.0 else ""
             asked.append(
                 f"{label} steps by {step:.4g}, and gives no unit: add --time-unit s, ms or us"
+                + rows_too
             )
             return
         first = float(values[np.isfinite(values)][0])
@@ -186,8 +189,8 @@ def _take_time(
     if column.clock and np.any(jumps > LONGEST_PAUSE_S):
         row = int(np.argmax(jumps)) + 1
         asked.append(
-            f"{label} jumps by {float(jumps[row - 1]) / 86400.0:.3g} days at {found.where(row)}: if "
-            "the day stands before the month, write the dates as 2024-03-05; otherwise cut the "
+            f"{label} jumps by {float(jumps[row - 1]) / 86400.0:.3g} days at {found.where(row)}: "
+            "if the day stands before the month, write the dates as 2024-03-05; otherwise cut the "
             "file there, or add --rate HZ"
         )
         return
@@ -219,9 +222,10 @@ def _take(
     option = "--drive-unit" if role == "u" else "--unit"
     if stated and not given:
         doubt = "may be a label" if find_unit_key(stated) else "is not a known unit"
+        as_is = ", which are not multiplied" if states_factor(stated) else ""
         asked.append(
             f"{label} states '{stated[:40]}', which {doubt}: add {option} and the unit of these "
-            f"numbers ({', '.join(DRIVE_UNITS)})"
+            f"numbers{as_is} ({', '.join(DRIVE_UNITS)})"
         )
         return
     two = _two_units(column)

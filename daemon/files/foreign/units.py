@@ -185,6 +185,11 @@ def is_other_unit(stated: str) -> bool:
     return like and not find_unit_key(stated)
 
 
+def states_factor(stated: str) -> bool:
+    """Return whether what a heading states as the unit holds a factor: "x100 V", "V x 0.01"."""
+    return bool(_FACTOR.search(stated))
+
+
 def _read_brackets(text: str, plain: str) -> Heading:
     """Find the unit in a heading with brackets: the only unit in them or behind them. Any other
     content may be a unit that is not known, or a factor."""

@@ -78,7 +78,7 @@ def test_identify_takes_its_rate_and_that_of_the_rows(capsys: pytest.CaptureFixt
     """`--rate` alone requests a rate-dependent model; with a number it is the rows per second."""
     words = ["identify", "plain.txt", "-o", "m.toml", "--static", "--order", "4"]
     err = said(capsys, *words, code=2)
-    assert "--columns t=0,u=1" in err
+    assert "--columns u=0,y=1 --rate HZ" in err
     given = ["--columns", "u=0,y=1", "--rate", "500", "--unit", "um"]
     err = said(capsys, *words, *given)
     assert "t from --rate (0.002 s a row)" in err

@@ -13,6 +13,7 @@ REASONS = {
     "butterfly": "butterfly", "square butterfly": "butterfly", "switching": "loop is",
     "square friction": "loop is", "dry": "loop is", "one way": "only runs", "nothing": "follow",
     "another": "follow|another input", "twice": "butterfly|follow", "open": "follow",
+    "friction ahead": "jumps by|another input",
     "gauge disconnected": "follow", "drive unconnected": "follow", "gauge turned": "follow",
     "drive is": "same signal", "gauge at": "another input", "backlash": "loop is",
 }  # fmt: skip

@@ -439,7 +439,7 @@ CHANGES = [
         Change(
             "narrow-loops-are-a-row-off",
             "models/diagnosis/search_problem.py",
-            "if samples == 1.0 and leaves > nothing:",
+            "if samples == 1.0 and leaves > nothing and not much:",
             "if False:",
             "loops that narrow with the rate are mistaken for a recorder that is off by a row",
         ),

@@ -521,7 +521,7 @@ CHANGES += room(
         "step * np.arange(rows)", "each segment of a LabVIEW file is a recording from 0 s",
     ),
     Change(
-        "afternoon-is-morning", f"{FOREIGN}/fields.py", "+ 12 * (half[6] in 'pP')", "",
+        "afternoon-is-morning", f"{FOREIGN}/fields.py", "+ 12 * (half[4] in 'pP')", "",
         "at noon the clock of a US file goes back by half a day",
     ),
     Change(
@@ -533,6 +533,173 @@ CHANGES += room(
     Change(
         "damage-is-a-time", GRID, "if not is_rising(columns[j]):", "if False:",
         "damaged numbers of 16 digits are read as values",
+    ),
+)  # fmt: skip
+
+BESIDE = "tests/daemon/files/test_stated_beside.py"
+ADVICE, WORDS = (f"tests/daemon/files/test_foreign_{name}.py" for name in ("advice", "words"))
+CHOOSE, LIBRARIES = f"{FOREIGN}/choose.py", f"{FOREIGN}/libraries.py"
+UNDERSTAND, FIELDS = f"{FOREIGN}/understand.py", f"{FOREIGN}/fields.py"
+CHANGES += room(
+    (BESIDE,),
+    Change(
+        "unit-over-a-column-lost", f"{FOREIGN}/lvm.py",
+        'named = [(c, above.get(c.number, "")) for c in channels]', "named = []",
+        "the units in LabVIEW's header are asked for where each channel has its own times",
+    ),
+    Change(
+        "unit-beside-lost", f"{FOREIGN}/arrays.py",
+        "column.unit = column.unit or _unit_beside(column.heading, kept)", "pass",
+        "millivolts that a structure states beside its numbers are not those of the column",
+    ),
+    Change(
+        "millivolts-elsewhere-are-volts", UNDERSTAND,
+        "        if elsewhere:\n", "        if False:\n",
+        "a drive in mV is read as volts, although the file says mV",
+    ),
+    Change(
+        "packed-is-plain", LIBRARIES,
+        "values = values * (1.0 if factor is None else factor) + (offset or 0.0)",
+        "values = values * 1.0", "the counts of a packed HDF5 file are read as micrometres",
+    ),
+    Change(
+        "fill-value-is-measured", LIBRARIES, "lost = np.isin(values, known)",
+        "lost = np.isin(values, [])", "-9999, which stands for no value, is read as a displacement",
+    ),
+    Change(
+        "other-factor-passed-over", LIBRARIES, "if (other, other_offset) not in",
+        "if False and (other, other_offset) not in",
+        "numbers that a scaling factor belongs to are read without it and without a word",
+    ),
+    Change(
+        "milliseconds-of-tdms", LIBRARIES, "steps.add(factor * float(step))",
+        "steps.add(float(step))", "a period of 5 ms is read as 5 s",
+    ),
+    Change(
+        "micrometres-are-a-period", LIBRARIES,
+        "if kind == TIME and isinstance(step, float | int)", "if isinstance(step, float | int)",
+        "the increment along a path is taken as the sampling period",
+    ),
+    Change(
+        "longest-run-taken", f"{FOREIGN}/arrays.py", "if len(runs) > 1 and not of_wanted:",
+        "if False:", "of two runs the longer is read without a word",
+    ),
+    Change(
+        "name-of-a-list-counts", f"{FOREIGN}/roles.py", '(?=[A-Z])", " ", single)',
+        '(?=[A-Z])", " ", name)', "the drive in a list named Y may be the displacement",
+    ),
+)  # fmt: skip
+CHANGES += room(
+    (ADVICE,),
+    Change(
+        "measuring-amplifier-drives", f"{FOREIGN}/roles.py", "if words & _MEASURES else words",
+        "if False else words", "the charge amplifier of the sensor is read as the drive",
+    ),
+    Change(
+        "times-advised-as-drive", CHOOSE,
+        "steady = [i for i in free if _may_be_time(columns[i], roles[i])]", "steady = []",
+        "the column of times is advised as the drive",
+    ),
+    Change(
+        "axis-never-rises", CHOOSE, "return (not role[0] or axis) and _rises_evenly(",
+        "return not role[0] and _rises_evenly(", "a time with the name x is advised as the drive",
+    ),
+    Change(
+        "row-numbers-advised-as-times", CHOOSE,
+        "rising = [i for i in steady if not _counts(columns[i])]", "rising = list(steady)",
+        "row numbers are advised as the times",
+    ),
+    Change(
+        "drive-advised-as-times", CHOOSE, "times = rising[:1] if", "times = list(free[:1]) if",
+        "the first column is advised as the times, whatever it holds",
+    ),
+    Change(
+        "one-column-advised-twice", CHOOSE,
+        "others = [i for i in found if i not in advised.values()]", "others = list(found)",
+        "one column is advised as drive and as displacement, which is then refused",
+    ),
+    Change(
+        "drive-in-percent-unnamed", CHOOSE, "roles[i][0]] or may or named",
+        "roles[i][0]] or may", "the only drive of a file is not named in the advice",
+    ),
+    Change(
+        "newest-first-cut", TIMES, "if back.size > REVERSED * steps.size:", "if False:",
+        "it is not said that the rows of a file are in reverse order",
+    ),
+    Change(
+        "unsorted-cut", TIMES, "if back.size > UNSORTED * steps.size:", "if False:",
+        "rows in no order are cut into recordings of two rows",
+    ),
+    Change(
+        "labels-far-above-lost", HEADINGS,
+        "return [*(further if numbers.first_empty else []), *rows[-LINES_ABOVE:]]",
+        "return [*rows[-LINES_ABOVE:]]", "the date in a file of Yokogawa becomes a heading",
+    ),
+    Change(
+        "preamble-beside-loses-rows", RUNS, "k == TEXT and not noted[j] and j + 1 in sure",
+        "k == TEXT and not noted[j]", "the first rows beside a preamble are lost",
+    ),
+    Change(
+        "period-is-a-row", RUNS, "or _is_label(rows, i - 1)", "or False",
+        "the period of a file of SignalExpress is read as its first row",
+    ),
+)  # fmt: skip
+CHANGES += room(
+    (WORDS,),
+    Change(
+        "over-range-refuses", TABLE, '"over", "overflow",', '"overflow",',
+        "a file with a value beyond the range cannot be read",
+    ),
+    Change(
+        "scpi-nothing-is-a-value", TABLE, "|9[.,]91?0*e\\+?37)", ")",
+        "9.91E+37, which stands for no value, makes a file unreadable",
+    ),
+    Change(
+        "infinity-refuses", ALSO, "        column.values = _finite(column.values)\n", "",
+        "a division by zero in a file of another program makes it unreadable",
+    ),
+    Change(
+        "thousands-are-fields", TEXT,
+        'and not (best[1] == "\\t" and not one and _only_groups(best_rows))', "",
+        "7 875.4 between tabs is read as 7",
+    ),
+    Change(
+        "exponent-of-fortran", FIELDS, "([ed][+-]?\\d+)?", "(e[+-]?\\d+)?",
+        "a file of Fortran cannot be read",
+    ),
+    Change(
+        "typographic-minus", FIELDS, 'text.replace("\\u2212", "-")', "text",
+        "negative numbers of a word processor make a file unreadable",
+    ),
+    Change(
+        "angstroms-are-nanometres", f"{FOREIGN}/units.py", '"angstrom": (LENGTH, "nm", 0.1)',
+        '"angstrom": (LENGTH, "nm", 1.0)', "a displacement in angstroms is ten times too large",
+    ),
+    Change(
+        "month-is-13", FIELDS, "key=lambda n: n > 12", "key=lambda n: False",
+        "dates with the day in front are no times",
+    ),
+    Change(
+        "pause-of-a-month", UNDERSTAND, "if column.clock and np.any(jumps > LONGEST_PAUSE_S):",
+        "if False:", "at midnight of 5 March a file pauses until 6 March read as 3 June",
+    ),
+    Change(
+        "increment-in-volts-is-a-period", f"{FOREIGN}/stated_step.py",
+        'if step and not units and (value >= SURELY_SECONDS or name.lower() == "increment"):',
+        "if False:", "the increment of a sweep in volts is the sampling period",
+    ),
+    Change(
+        "first-of-two-periods", GRID,
+        "max(stated) <= (1.0 + SAME_STEP) * min(stated)", "True",
+        "of two periods that contradict each other the first is taken",
+    ),
+    Change(
+        "marked-rows-uncounted", TEXT, "marked.append(i)", "pass",
+        "rows behind a comment mark are left out without a word",
+    ),
+    Change(
+        "suffix-unsaid", ALSO, "if right and kind in TEXTS:", "if False:",
+        "a spreadsheet that is named .csv is refused as damaged text",
     ),
 )  # fmt: skip
 CHANGES += [

@@ -291,4 +291,76 @@ CHANGES += (
             "an interval is stated for a drive that lies outside the model's validity",
         ),
     )
+    + room(
+        ("tests/models/identify/test_own_starts.py",),
+        Change(
+            "one-start-for-all",
+            "models/identify/setup.py",
+            "virgin = any(one.virgin for one in rows) and trust_start",
+            "virgin = all(one.virgin for one in rows) and trust_start",
+            "a recording that begins in the middle takes the known start from the others",
+        ),
+        Change(
+            "settled-by-the-widest",
+            "models/identify/data/rows.py",
+            "_settle(u, resets, SWEPT * own, settled)",
+            "_settle(u, resets, 2.0 * SWEPT * own, settled)",
+            "a recording of another size is refused",
+        ),
+        Change(
+            "rests-are-judged-by-a-line",
+            "models/identify/plausibility/recordings.py",
+            "if int(some.sum()) < TUNING.fewest_rows or np.ptp(one.u[some]) < TUNING.half * own:",
+            "if False:",
+            "a recording that ends in rests is refused",
+        ),
+        Change(
+            "exact-times-jitter",
+            "models/identify/data/rows.py",
+            "or off < REGULAR * usual:",
+            "or off < 0.0:",
+            "exact times are said to jitter",
+        ),
+    )
+    + room(
+        ("tests/models/identify/test_outside.py",),
+        Change(
+            "jumps-at-turns-are-taken",
+            "models/identify/plausibility/own_input.py",
+            "float(np.median(jumps)) > JUMP:",
+            "float(np.median(jumps)) > 1.0:",
+            "a model of dry friction is written",
+        ),
+        Change(
+            "wide-loops-are-taken",
+            "models/identify/plausibility/own_input.py",
+            "if width > WIDEST:",
+            "if width > 1.0:",
+            "a stage that switches is given a model",
+        ),
+    )
+    + room(
+        ("tests/models/signals/test_lone.py",),
+        Change(
+            "ringing-is-lone",
+            "models/signals/lone.py",
+            "far &= rest < ALONE * size",
+            "pass",
+            "readings of a mode that rings are left out",
+        ),
+        Change(
+            "edges-are-lone",
+            "models/signals/lone.py",
+            "& (gain * near < DRIVEN * size)",
+            "",
+            "readings of a drive with pulses are left out",
+        ),
+        Change(
+            "frequent-is-lone",
+            "models/signals/lone.py",
+            "if 0 < at.size <= max(1.0, FEW * known.size):",
+            "if at.size:",
+            "what a gauge does often is left out",
+        ),
+    )
 )

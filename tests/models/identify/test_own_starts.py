@@ -1,0 +1,105 @@
+"""Recordings of one stage may begin anywhere and differ in size: each keeps its own start."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.rigs.diagnosis import diagnose_without_limits
+from tests.rigs.outside import plays
+
+from dehyst.models.identify import identify
+from dehyst.models.recording import Floats, Recording
+
+RATE_HZ, NOISE_UM = 500.0, 0.008
+R = np.linspace(0.0, 60.0, 25)
+W = 0.1 * np.exp(-R / 12.0) / np.exp(-R / 12.0).sum() + 0.0004
+
+
+def times(seconds: float) -> Floats:
+    return np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+
+
+def record(name: str, u: Floats, before: Floats, seed: int) -> Recording:
+    """Record a drive after another one, which is not in the file."""
+    y = plays(np.r_[before, u], R, W)[before.size :]
+    noise = NOISE_UM * np.random.default_rng(seed).standard_normal(u.size)
+    return Recording(times(u.size / RATE_HZ), u, y + noise, name=f"{name}.csv")
+
+
+def sine(low: float, high: float, hz: float, seconds: float, start: float = 0.0) -> Floats:
+    x = hz * times(seconds) + start
+    return np.asarray(low + (high - low) * 0.5 * (1.0 - np.cos(2 * np.pi * x)))
+
+
+REST = np.zeros(1)
+EXERCISED = np.r_[np.linspace(0, 140, 80), np.linspace(140, 0, 80), np.linspace(0, 39, 30)]
+FULL = record("full", sine(0.0, 150.0, 0.7, 6.0), REST, 1)
+SECOND = {
+    "a part, exercised before": record("second", sine(39.0, 70.0, 1.3, 5.0), EXERCISED, 2),
+    "most, begins in the middle": record(
+        "second", sine(20.0, 140.0, 1.1, 5.0, 0.25), np.r_[EXERCISED, 80.0], 3
+    ),
+    "a part, from rest": record("second", sine(0.0, 60.0, 1.9, 4.0), REST, 4),
+}
+
+
+@pytest.mark.parametrize("second", SECOND)
+@pytest.mark.parametrize("first", [True, False])
+def test_a_second_recording_of_another_size_and_start_is_used(second: str, first: bool) -> None:
+    pair = [FULL, SECOND[second]] if first else [SECOND[second], FULL]
+    found = identify(pair)
+    for one, used in zip(found.recordings, found.used, strict=True):
+        assert one.rms < 1.3 * NOISE_UM
+        assert np.mean(used) > 0.6
+
+
+def clean_set() -> list[Recording]:
+    """A sweep from rest, a multisine that begins in the middle, and ramps that end in rests, of
+    which a straight line leaves as little as a model."""
+    t = times(8.0)
+    sweep = 65.0 * (1.0 - np.cos(2 * np.pi * (0.4 + 0.35 * t) * t))
+    several = sum(np.sin(2 * np.pi * f * t + f) for f in (0.7, 2.3, 5.1, 11.0))
+    several = 72.0 + 16.0 * np.asarray(several)
+    levels = np.repeat([0.0, 30.0, 90.0, 10.0, 120.0, 60.0, 20.0, 110.0], 500)
+    ramps = levels.copy()
+    for at in range(500, ramps.size, 500):
+        ramps[at : at + 250] = np.linspace(levels[at - 1], levels[at], 250)
+    before = np.r_[EXERCISED, np.linspace(39.0, several[0], 40)]
+    return [
+        record("sweep", sweep, REST, 5),
+        record("multisine", several, before, 6),
+        record("ramps", ramps, REST, 7),
+    ]
+
+
+def test_a_clean_stage_is_clean_with_a_recording_that_begins_anywhere() -> None:
+    given = clean_set()
+    assert identify(given).model.fit.rms < 1.2 * NOISE_UM
+    found = diagnose_without_limits(given)
+    assert (found.verdict, found.findings) == ("clean", ())
+
+
+def test_lone_readings_are_left_out_and_said() -> None:
+    given = clean_set()
+    y = given[0].displacement.copy()  # type: ignore[union-attr]
+    y[[400, 1500, 2600]] += 1.0
+    given[0] = replace(given[0], displacement=y)
+    found = diagnose_without_limits(given)
+    assert (found.verdict, found.findings) == ("clean", ())
+    assert any(said.startswith("3 lone readings") for said in found.data.says)
+
+
+def test_a_recording_that_sweeps_its_range_only_before_a_rest_is_not_of_another_stage() -> None:
+    ways = np.r_[np.linspace(39.0, 10.0, 300), np.linspace(10.0, 120.0, 300), np.full(1500, 120.0)]
+    found = identify([FULL, record("rest", ways, EXERCISED, 8)])
+    assert found.recordings[1].rms < 1.5 * NOISE_UM
+
+
+@pytest.mark.parametrize("begin_s", [0.0, 1e5])
+def test_exact_times_do_not_jitter(begin_s: float) -> None:
+    t = begin_s + times(6.0)
+    u = np.abs((np.arange(t.size) % 800) - 400.0) / 4.0
+    y = plays(np.r_[np.linspace(0.0, u[0], 50), u], R, W)[50:]
+    y = y + NOISE_UM * np.random.default_rng(6).standard_normal(u.size)
+    found = identify([Recording(t, u, y, name="triangle.csv")])
+    assert not any("jitter" in note for note in found.notes)
