@@ -3,7 +3,7 @@
 DehystError
 ├── BadInput            a file, key, value or argument is wrong (the command line exits with 2)
 │   ├── BadModel        a model file or its numbers
-│   └── BadRecording    a recording or trajectory
+│   └── BadRecording    a recording or trajectory; OddRecording: of another stage than the others
 ├── NotNow              nothing is wrong with the input: a full disk, a busy port (exits with 1)
 ├── NotInvertible       the model cannot be inverted in its present form
 └── DriverError         see dehyst.drivers.interface for its subclasses
@@ -24,6 +24,14 @@ class BadModel(BadInput):
 
 class BadRecording(BadInput):
     """A recording or trajectory is damaged or lacks what the task needs."""
+
+
+class OddRecording(BadRecording):
+    """One recording does not belong to the others. recording: its name."""
+
+    def __init__(self, message: str, recording: str) -> None:
+        super().__init__(message)
+        self.recording = recording
 
 
 class NotNow(DehystError):

@@ -20,7 +20,7 @@ from scipy.optimize import nnls
 from dehyst.models.cascade.history import HISTORIES, replay, simulate_behind
 from dehyst.models.cascade.simulate import channels_of, simulate
 from dehyst.models.diagnosis.tuning import TUNING
-from dehyst.models.errors import BadInput, DehystError
+from dehyst.models.errors import BadInput, DehystError, OddRecording
 from dehyst.models.identify import Options, identify_alone
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 from dehyst.models.physics import KINDS
@@ -41,12 +41,14 @@ BY_HEART = 5.0  # held-out rms over fit rms: above, the model predicts no other 
 @dataclass(frozen=True)
 class DiagnosedModel:
     """model: the model in use; given: by the user, not identified here; carries: the fits add to
-    it; refused: why identification rejected the recordings."""
+    it; refused: why identification rejected the recordings; odd: the recording that it found not to
+    belong to the others."""
 
     model: Model
     given: bool = False
     carries: bool = False
     refused: str = ""
+    odd: str = ""
 
     @cached_property
     def drive_blocks(self) -> tuple[Block, ...]:
@@ -145,18 +147,19 @@ def identify_plain_model(recordings: Sequence[Recording], data: Data) -> Diagnos
     """Identify the plain model of these recordings. Where identification finds linear dynamics in
     addition to the hysteresis, refuses, or predicts only the rows that it was fitted to, fit the
     hysteresis here without dynamics."""
-    refused, r = "", THRESHOLDS * data.span
+    refused, odd, r = "", "", THRESHOLDS * data.span
     try:
         model = identify_alone(recordings, Options(rate=False)).model
     except (DehystError, ValueError) as error:  # also raised when there is no row to fit
         refused = str(error)
+        odd = error.recording if isinstance(error, OddRecording) else ""
     else:
         predicts = model.fit.holdout_rms <= BY_HEART * model.fit.rms
         if predicts and not model.blocks:
             return DiagnosedModel(model)
         if predicts:
             r = model.hysteresis.r
-    return DiagnosedModel(fit_plain_model(data, r), refused=refused)
+    return DiagnosedModel(fit_plain_model(data, r), refused=refused, odd=odd)
 
 
 def fit_plain_model(data: Data, r: Floats) -> Model:

@@ -44,8 +44,16 @@ def diagnose(
     be diagnosed, BadInput where the model cannot be run on them.
     """
     say = progress or (lambda text, fraction: None)
-    search_problem = choose_base(join_recordings(recordings, model, say), several, say)
-    judged = reach_verdict(look_for_causes(search_problem, say), say)
+    prepared = join_recordings(recordings, model, say)
+    judged = reach_verdict(look_for_causes(choose_base(prepared, several, say), say), say)
+    odd = prepared.diagnosed.odd
+    rest = [one for one in recordings if one.name != odd]
+    if judged.verdict in ("unknown", "partly") and 1 < len(rest) == len(recordings) - 1:
+        say(f"without {odd}", 0.0)
+        others = diagnose(rest, model, progress, several, with_limits)
+        if others.verdict in ("clean", "explained"):
+            says = f"{odd} does not belong to the others, and was left out: diagnose it alone"
+            return replace(others, data=replace(others.data, says=(says, *others.data.says)))
     return _report(judged, recordings, with_limits, say)
 
 

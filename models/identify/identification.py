@@ -262,7 +262,7 @@ def _require_one_stage(
     it is a little better, return a remark for the user."""
     setup, f = found.setup, found.fitted
     start = replace(f.scored, params=make_start(f.r.size, f.shape, setup.slope, 1))
-    alone, together = [], []
+    alone, together, sizes = [], [], []
     for one, pick, error in zip(setup.rows, setup.picks, residuals, strict=True):
         if int(np.count_nonzero(pick)) < TUNING.fewest_rows:
             continue
@@ -272,10 +272,11 @@ def _require_one_stage(
         left = own.residuals(fitted.r, fitted.shape, fitted.params, found.offset, found.lag)[0]
         alone.append(rms(left[pick]))
         together.append(rms(error[pick]))
+        sizes.append(float(np.std(one.y[pick])))
     names = [one.name for one in setup.rows]
     if len(alone) < len(names):
         return ""
-    return require_one_stage(names, together, alone, recordings[0].displacement_unit)
+    return require_one_stage(names, together, alone, sizes, recordings[0].displacement_unit)
 
 
 def _result(

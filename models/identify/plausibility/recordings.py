@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dehyst.models.errors import BadInput, BadRecording
+from dehyst.models.errors import BadInput, BadRecording, OddRecording
 from dehyst.models.identify.data.outliers import sample, thin
 from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.setup import FitSetup
@@ -168,12 +168,17 @@ def require_following(setup: FitSetup, held_rms: float) -> None:
 
 
 def require_one_stage(
-    names: Sequence[str], together: Sequence[float], alone: Sequence[float], unit: str
+    names: Sequence[str],
+    together: Sequence[float],
+    alone: Sequence[float],
+    sizes: Sequence[float],
+    unit: str,
 ) -> str:
     """Raise BadRecording if recordings are predicted well by their own models and badly by a common
     one; if a little worse by the common one, return a remark, else "".
 
-    together, alone: (G,) rms residuals of each recording with the common model and with its own.
+    together, alone: (G,) rms residuals of each recording with the common model and with its own;
+    sizes: (G,) standard deviations of their displacements.
     """
     ratio = np.array(together) / np.maximum(alone, 1e-300)
     if len(names) < 2 or float(np.max(ratio)) <= TUNING.twice:
@@ -182,15 +187,18 @@ def require_one_stage(
         f"{name} {a:.3g} {unit} (alone {b:.3g})"
         for name, a, b in zip(names, together, alone, strict=True)
     )
-    odd = names[int(np.argmax(ratio))]
+    stays = np.array(alone) / np.maximum(sizes, 1e-300)  # 1: it does not follow its own drive
+    silent = float(stays.min()) < TUNING.half <= float(stays.max())
+    odd = names[int(np.argmax(stays if silent else ratio))]
     if float(np.max(ratio)) <= TUNING.far:
         return (
             f"{odd} is less like the others: one model leaves {figures} rms; "
             "were stage, load and unit the same?"
         )
-    raise BadRecording(
+    raise OddRecording(
         f"{odd} does not belong to the others: one model leaves {figures} rms; identify the "
-        "recordings of each stage, load and unit separately"
+        "recordings of each stage, load and unit separately",
+        odd,
     )
 
 

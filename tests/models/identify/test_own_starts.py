@@ -1,5 +1,6 @@
 """Recordings of one stage may begin anywhere and differ in size: each keeps its own start."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -103,3 +104,25 @@ def test_exact_times_do_not_jitter(begin_s: float) -> None:
     y = y + NOISE_UM * np.random.default_rng(6).standard_normal(u.size)
     found = identify([Recording(t, u, y, name="triangle.csv")])
     assert not any("jitter" in note for note in found.notes)
+
+
+def of_another_gain(one: Recording) -> Floats:
+    assert one.displacement is not None
+    return np.asarray(1.15 * one.displacement)
+
+
+def of_a_gauge_that_is_off(one: Recording) -> Floats:
+    return 3.0 + NOISE_UM * np.random.default_rng(9).standard_normal(one.size)
+
+
+@pytest.mark.parametrize("which", [0, 2])
+@pytest.mark.parametrize("fault", [of_another_gain, of_a_gauge_that_is_off])
+def test_a_recording_that_does_not_belong_is_named_and_the_others_are_used(
+    which: int, fault: Callable[[Recording], Floats]
+) -> None:
+    given = [*clean_set(), FULL]
+    odd = given[which] = replace(given[which], displacement=fault(given[which]))
+    found = diagnose_without_limits(given)
+    assert (found.verdict, found.findings) == ("clean", ())
+    assert found.data.says[0].startswith(f"{odd.name} does not belong to the others")
+    assert odd.name not in found.rms["model"]

@@ -321,6 +321,20 @@ CHANGES += (
             "or off < 0.0:",
             "exact times are said to jitter",
         ),
+        Change(
+            "a-dead-gauge-is-like-the-others",
+            "models/identify/plausibility/recordings.py",
+            "stays if silent else ratio",
+            "ratio",
+            "another recording than that of the dead gauge is named",
+        ),
+        Change(
+            "the-odd-recording-stays",
+            "models/diagnosis/steps.py",
+            'if others.verdict in ("clean", "explained"):',
+            "if False:",
+            "one recording of another stage makes a clean stage unknown",
+        ),
     )
     + room(
         ("tests/models/identify/test_outside.py",),
