@@ -25,9 +25,9 @@ BUTTERFLY = (
     "ferroelectric that is driven through its coercive field); drive it on one side of that only"
 )
 
-WIDEST = 0.35
-"""Widest loop of a piezo below its coercive field, as a fraction of the stroke: a third, and what
-noise adds."""
+WIDEST = 0.42
+"""Widest loop of a piezo below its coercive field, as a fraction of the stroke: a third, and what a
+fast drive adds; the paper's stage (Eq. 12) with its two sines has 0.39 as a static loop."""
 TURN, JUMP, REPEATED = 0.04, 0.07, 0.07
 """Of a turn with friction: the way after it as a fraction of the drive's range; by how much the
 displacement moves further than the drive, as a fraction of its range, where creep, rate and
