@@ -2,6 +2,7 @@
 
 import math
 
+from dehyst.models.diagnosis.tuning import TUNING as DIAGNOSIS
 from dehyst.models.identify import Identification
 
 AT_NOISE = 1.1  # residual over noise
@@ -22,8 +23,12 @@ def verdict(result: Identification) -> str:
             f"about {noise:.3g} {unit}. This recording leaves little to explain."
         )
     excess = math.sqrt(max(rms**2 - noise**2, 0.0))
+    rows = max(one.size for one in result.residuals)
+    asked = "Ask `dehyst diagnose` which physics is missing."
+    if rows < DIAGNOSIS.least_samples:
+        asked = f"`dehyst diagnose` needs {DIAGNOSIS.least_samples} rows to say which; record more."
     return (
         f"The residual is {ratio:.1f} times the noise: the model leaves {rms:.3g} {unit} rms, the "
         f"noise is about {noise:.3g} {unit}, so {excess:.3g} {unit} are left that a better model "
-        "could explain. Ask `dehyst diagnose` which physics is missing."
+        f"could explain. {asked}"
     )

@@ -28,11 +28,12 @@ class Figures:
 
     def sentence(self) -> str:
         """Return the figures in one line."""
-        d, y = spell_unit(self.drive_unit), self.unit
+        d, y = spell_unit(self.drive_unit), spell_unit(self.unit)
+        low, high, offset = (x + 0.0 for x in (self.drive_min, self.drive_max, self.offset))
         return (
-            f"{self.stroke:.4g} {y} over {self.drive_min:.4g} to {self.drive_max:.4g} {d}, "
+            f"{self.stroke:.4g} {y} over {low:.4g} to {high:.4g} {d}, "
             f"{self.gain:.4g} {y}/{d}, {self.hysteresis:.2%} hysteresis, offset "
-            f"{self.offset:.4g} {y}"
+            f"{offset:.4g} {y}"
         )
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from dehyst.models.errors import BadRecording
 from dehyst.models.identify.data.outliers import sample
 from dehyst.models.recording import Floats, Recording, typical_step
+from dehyst.models.units import spell_unit
 
 SIZE_EDGES = (0.02, 0.15, 0.4, 0.7, 1.01)  # classes of loop sizes, relative to the span
 
@@ -168,7 +169,7 @@ def _find_missing(
     sizes: Floats, covered: float, cycles: float, steps: float, rate_max: float, unit: str
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     static, rate = [], []
-    if cycles < TUNING.fewest_cycles:
+    if round(cycles, 1) < TUNING.fewest_cycles:
         static.append(
             f"the drive goes through its range only {cycles:.1f} times; "
             f"{TUNING.fewest_cycles:.0f} or more are needed to hold a part out"
@@ -188,7 +189,8 @@ def _find_missing(
         )
     if covered < TUNING.enough_cells:
         rate.append(
-            f"only {covered:.0%} of drive and rate are covered (up to {rate_max:.3g} {unit}/s): "
+            f"only {covered:.0%} of drive and rate are covered "
+            f"(up to {rate_max:.3g} {spell_unit(unit)}/s): "
             "rate and drive are tied together as in one sine or triangle, so rate-dependence "
             "cannot be distinguished from the shape of the loop"
         )

@@ -20,6 +20,7 @@ from dehyst.models.signals.rounding import quantum
 
 LAGS = 40  # rows: longest lag of the residual's correlation with itself and the drive
 FEWEST = 12  # rows by which an error and its noise can be judged
+STILL = 1e-6  # share of the model's drive range up to which a drive does not move
 COVERED, ENOUGH = 0.9, 0.5  # share of the range covered before rows count; of rows left
 CLAIM = 1.5  # times the error that the model states: a larger error is worse than claimed
 NARROW, WIDE = 0.85, 0.99  # allowed share of the rows within a 95 % interval
@@ -125,6 +126,11 @@ def validate(model: Model, recording: Recording) -> Validation:
     at: slice | Bools = slice(None) if known.all() else known  # avoid copying a long recording
     channels = {name: recording.channels[name][at] for name in channels_of(model)}
     u, t, y = recording.drive[at], recording.t_s[at], recording.displacement[at]
+    if float(np.ptp(u)) <= STILL * (model.validity.drive_max - model.validity.drive_min):
+        raise BadInput(
+            f"{recording.name}: the drive stays at {u[0]:.6g} throughout, which shows nothing of a "
+            "model; record a drive that moves"
+        )
     late = _find_late(t)
     read = ~np.isnan(y)
     judged_at = _find_settled(u, read) & ~late

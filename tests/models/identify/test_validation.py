@@ -5,8 +5,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from tests.rigs.outside import noisy, stage
+from tests.rigs.outside import noisy, ordinary, stage
 
+from dehyst.models.errors import BadInput
 from dehyst.models.identify import Identification, identify
 from dehyst.models.identify.validation import SURE, Validation, validate
 from dehyst.models.recording import Recording
@@ -112,3 +113,12 @@ def test_rows_with_a_reading_are_judged_wherever_they_are() -> None:
     only = read_at(at_late | (row < 60))
     assert np.isfinite([only.rms, only.offset, only.noise]).all()
     assert only.late == 0
+
+
+@pytest.mark.parametrize("noise_um", [0.0, 0.01])
+def test_a_drive_that_never_moves_shows_nothing(noise_um: float) -> None:
+    model = identify([ordinary(0)]).model
+    y = 3.0 + noise_um * np.random.default_rng(0).standard_normal(2000)
+    still = Recording(np.arange(2000) / 500.0, np.full(2000, 40.0), y, name="still.csv")
+    with pytest.raises(BadInput, match=r"still.csv: the drive stays at 40 throughout"):
+        validate(model, still)
