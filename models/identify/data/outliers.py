@@ -8,16 +8,19 @@ from numba import njit
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
 
+PAUSE = 4.0
+"""Sampling periods: what changes across a longer pause is no glitch."""
 
-def remove_glitches(name: str, u: Floats, notes: list[str]) -> Floats:
-    """Return the drive with lone wild values as NaN; a glitch would stay in the memory of every
-    operator."""
+
+def remove_glitches(name: str, t: Floats, u: Floats, notes: list[str]) -> Floats:
+    """Return the drive u (N,) with lone wild values as NaN; a glitch would stay in the memory of
+    every operator. t: (N,) times."""
     wild = np.zeros(u.size, dtype=bool)
     for _ in range(2):  # twice: of two adjacent glitches one hides the other
         known = ~np.isnan(u) & ~wild
         if not known.any():
             return u
-        found = _find_glitches(u if known.all() else u[known])
+        found = _find_glitches(u if known.all() else u[known]) & ~_beside_a_pause(t[known])
         wild[known] = wild[known] | found
         if not found.any():
             break
@@ -28,6 +31,16 @@ def remove_glitches(name: str, u: Floats, notes: list[str]) -> Floats:
     u = u.copy()
     u[wild] = np.nan
     return u
+
+
+def _beside_a_pause(t: Floats) -> Bools:
+    """Return the two rows (N,) before and after each pause."""
+    steps, beside = np.diff(t), np.zeros(t.size, dtype=bool)
+    if steps.size:
+        last = np.flatnonzero(steps > PAUSE * np.median(steps))
+        for k in (-1, 0, 1, 2):
+            beside[np.clip(last + k, 0, t.size - 1)] = True
+    return beside
 
 
 def _find_glitches(v: Floats) -> Bools:

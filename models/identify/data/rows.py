@@ -75,7 +75,7 @@ def read_rows(recording: Recording) -> Rows:
             f"{name}: {np.count_nonzero(again)} of {y.size} rows repeat the reading of the row "
             "before: the gauge was polled faster than it reads; each reading counts once"
         )
-    u = remove_glitches(name, u, notes)
+    u = remove_glitches(name, t, u, notes)
     present = ~np.isnan(u)
     for column, values in ((recording.drive_column, u), (recording.displacement_column, y)):
         if np.isnan(values).all():

@@ -126,3 +126,24 @@ def test_a_recording_that_does_not_belong_is_named_and_the_others_are_used(
     assert (found.verdict, found.findings) == ("clean", ())
     assert found.data.says[0].startswith(f"{odd.name} does not belong to the others")
     assert odd.name not in found.rms["model"]
+
+
+@pytest.mark.parametrize("lost", [True, False])
+def test_what_changes_across_a_pause_is_no_glitch_and_what_follows_is_not_bridged(
+    lost: bool,
+) -> None:
+    """An early pause, in which the drive goes on: the rows after it depend on an unknown past."""
+    u = sine(0.0, 100.0, 0.7, 8.0) * np.linspace(1.0, 0.3, 4000)
+    one = record("pause", u, REST, 10)
+    assert one.displacement is not None
+    keep = np.ones(u.size, dtype=bool)
+    keep[900:1500] = False
+    if lost:
+        given = Recording(one.t_s[keep], u[keep], one.displacement[keep], name="pause.csv")
+    else:
+        hole = np.where(keep, 1.0, np.nan)
+        given = Recording(one.t_s, u * hole, one.displacement * hole, name="pause.csv")
+    found = identify([given])
+    assert not any("lone drive values" in note for note in found.notes)
+    assert found.recordings[0].rms < 1.3 * NOISE_UM
+    assert any("rows were left out" in note for note in found.notes)

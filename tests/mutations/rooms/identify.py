@@ -322,6 +322,20 @@ CHANGES += (
             "exact times are said to jitter",
         ),
         Change(
+            "a-pause-is-a-glitch",
+            "models/identify/data/outliers.py",
+            "beside[np.clip(last + k, 0, t.size - 1)] = True",
+            "pass",
+            "correct drive values beside a pause are left out",
+        ),
+        Change(
+            "a-pause-is-bridged",
+            "models/identify/setup.py",
+            "least = TUNING.minor if virgin else 0.3",
+            "least = 0.3",
+            "the rows after an early pause are fitted as if nothing had been lost",
+        ),
+        Change(
             "a-dead-gauge-is-like-the-others",
             "models/identify/plausibility/recordings.py",
             "stays if silent else ratio",
