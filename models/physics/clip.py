@@ -44,6 +44,7 @@ KIND = Kind(
 
 
 DEEPEST = (0.35, 0.6)  # largest fraction of the range cut off at the lower and the upper end
+REACHED = 0.002  # smallest fraction of the range that a limit cuts off
 
 
 class Clip(Candidate):
@@ -87,22 +88,30 @@ class Clip(Candidate):
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
         out = {}
         unit = self.parameters[0].unit
-        if theta[0] > self._low:
-            out["min_v"] = (float(theta[0]), unit)
-        if theta[1] < self._high:
-            out["max_v"] = (float(theta[1]), unit)
+        low, high = self._ends(theta)
+        if low > self._low:
+            out["min_v"] = (low, unit)
+        if high < self._high:
+            out["max_v"] = (high, unit)
         return out
+
+    def _ends(self, theta: Sequence[float]) -> tuple[float, float]:
+        """Return both limits; one that is hardly reached is none, and lies far outside."""
+        span = self._high - self._low
+        low = float(theta[0]) if theta[0] > self._low + REACHED * span else self._low - span
+        high = float(theta[1]) if theta[1] < self._high - REACHED * span else self._high + span
+        return low, high
 
     def probes(self, data: Data) -> list[Probe]:
         span = self._high - self._low
         return [
             Probe(float(self._high - d * span), (self._low, float(self._high - d * span)))
-            for d in np.geomspace(0.002, 0.35, 10)
+            for d in np.geomspace(REACHED, 0.35, 10)
         ]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        low, high = f"min_{data.drive_unit}", f"max_{data.drive_unit}"
-        return (Block("clip", "drive", {low: float(theta[0]), high: float(theta[1])}),)
+        names = (f"min_{data.drive_unit}", f"max_{data.drive_unit}")
+        return (Block("clip", "drive", dict(zip(names, self._ends(theta), strict=True))),)
 
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         ends = [

@@ -11,8 +11,10 @@ from tests.rigs.diagnosis import diagnose_without_limits
 from dehyst.models import modelfile
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis, diagnose
+from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.result import Limit
 from dehyst.models.errors import BadRecording
+from dehyst.models.physics.clip import Clip
 from dehyst.models.recording import Recording
 
 DT = 1e-3
@@ -205,6 +207,22 @@ def test_result_is_json_by_contract() -> None:
     (delay,) = (x for x in foreign().to_dict()["would_have_seen"] if x["name"] == "delay")
     assert 1e-6 < delay["above"] < 2e-3
     assert delay["unit"] == "s"
+
+
+@pytest.mark.parametrize(("low", "high", "told"), [
+    (0.001, 0.1, {"max_v"}), (0.1, 0.001, {"min_v"}), (0.1, 0.2, {"min_v", "max_v"}),
+])  # fmt: skip
+def test_a_limit_that_the_drive_hardly_reaches_is_neither_told_nor_written(
+    low: float, high: float, told: set[str]
+) -> None:
+    data = prepare(recordings("nothing"))
+    top, span = data.u_min + data.span, data.span
+    ends = (data.u_min + low * span, top - high * span)
+    clip = Clip(data)
+    assert set(clip.values(ends, np.zeros(0))) == told
+    (block,) = clip.blocks(ends, np.zeros(0), data)
+    assert (block.params["min_v"] > data.u_min) == ("min_v" in told)
+    assert (block.params["max_v"] < top) == ("max_v" in told)
 
 
 def test_only_a_limit_with_a_size_stands_among_those_that_would_have_been_seen() -> None:

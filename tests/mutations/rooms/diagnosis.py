@@ -445,6 +445,23 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/models/diagnosis/test_names.py",),
+        Change(
+            "a-limit-at-the-end-of-the-range",
+            "models/physics/clip.py",
+            "REACHED = 0.002",
+            "REACHED = 0.0",
+            "a limit is told at the end of the drive's range, where none is",
+        ),
+        Change(
+            "limits-without-a-size",
+            "models/diagnosis/result.py",
+            "for x in self.would_have_seen if x.value is not None]",
+            "for x in self.would_have_seen]",
+            "what cannot be seen stands among the limits",
+        ),
+    ),
+    *room(
         ("tests/models/signals/test_repeats.py",),
         Change(
             "steps-are-repeats",
