@@ -25,9 +25,6 @@ BUTTERFLY = (
     "ferroelectric that is driven through its coercive field); drive it on one side of that only"
 )
 
-WIDEST = 0.42
-"""Widest loop of a piezo below its coercive field, as a fraction of the stroke: a third, and what a
-fast drive adds; the paper's stage (Eq. 12) with its two sines has 0.39 as a static loop."""
 TURN, JUMP, REPEATED = 0.04, 0.07, 0.07
 """Of a turn with friction: the way after it as a fraction of the drive's range; by how much the
 displacement moves further than the drive, as a fraction of its range, where creep, rate and
@@ -164,7 +161,7 @@ def _require_no_jumps(name: str, u: Floats, y: Floats) -> None:
 
 
 def _require_narrow(name: str, width: float) -> None:
-    if width > WIDEST:
+    if width > TUNING.half:
         raise BadRecording(
             f"{name}: the loop is {width:.0%} of the stroke wide; a piezo below its "
             "coercive field stays below a third. It is driven through its coercive field, rubs "

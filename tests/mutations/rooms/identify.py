@@ -359,13 +359,6 @@ CHANGES += (
             "float(np.median(jumps)) > 1.0:",
             "a model of dry friction is written",
         ),
-        Change(
-            "wide-loops-are-taken",
-            "models/identify/plausibility/own_input.py",
-            "if width > WIDEST:",
-            "if width > 1.0:",
-            "a stage that switches is given a model",
-        ),
     )
     + room(
         ("tests/models/signals/test_lone.py",),
