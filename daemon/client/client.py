@@ -40,9 +40,10 @@ from dehyst.daemon.bus.security import client_settings
 from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.bus.topics import SETPOINT, subject
 from dehyst.daemon.client.finding import TIMEOUT_S, chosen_of, find_daemons, not_chosen
-from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, Report, ignore, play
+from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, Report, ignore
 from dehyst.daemon.client.questions import DaemonQueries
 from dehyst.daemon.client.repeated import Repeated
+from dehyst.daemon.client.together import play
 from dehyst.models.errors import DehystError
 
 if TYPE_CHECKING:  # importing scipy is slow

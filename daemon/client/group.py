@@ -29,9 +29,10 @@ from dehyst.daemon.client.client import (
     Client,
 )
 from dehyst.daemon.client.finding import find_axes
-from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, Player, play_together
+from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, Player
 from dehyst.daemon.client.questions import LONGEST_START_S
 from dehyst.daemon.client.repeated import Repeated
+from dehyst.daemon.client.together import play_together
 from dehyst.daemon.closing import Closing
 from dehyst.models.errors import BadInput
 

@@ -13,7 +13,7 @@ from dehyst.daemon.files.outputs import add_force, check_outputs, whole_file
 from dehyst.models.errors import BadInput, DehystError
 
 if TYPE_CHECKING:
-    from dehyst.daemon.client.scan_check import Reached
+    from dehyst.daemon.scan_check import Reached
     from dehyst.models.drive_design.scans import Scan
 
 SAMPLING_HZ = 100.0  # suits every bench: the daemon interpolates between points
@@ -135,8 +135,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make, check and write the path; return 0."""
-    from dehyst.daemon.client.scan_check import require_reach
     from dehyst.daemon.files.recordings import write_recording
+    from dehyst.daemon.scan_check import require_reach
 
     models = [Path(file) for _, file in args.model]
     check_outputs([args.output, args.picture], [args.config, *models], args.force)
@@ -211,8 +211,8 @@ def _scan(args: argparse.Namespace, period_s: float) -> "Scan":
 
 def _axes(args: argparse.Namespace) -> tuple[dict[str, "Reached"], float]:
     """Return what is known about the axes, by name, and the sampling rate [Hz]."""
-    from dehyst.daemon.client.scan_check import axes_of, axis_of_model
     from dehyst.daemon.files.models import load_model
+    from dehyst.daemon.scan_check import axes_of, axis_of_model
 
     if args.sampling is not None and not 0 < args.sampling < np.inf:
         raise BadInput(f"--sampling: must be above 0, not {args.sampling:g}")
@@ -238,7 +238,7 @@ def _running(args: argparse.Namespace) -> "tuple[dict[str, Reached], float] | No
     runs and none was named."""
     from dehyst.daemon.client.connection import address_of, connect_axes
     from dehyst.daemon.client.finding import listens
-    from dehyst.daemon.client.scan_check import axis_of_daemon
+    from dehyst.daemon.scan_check import axis_of_daemon
 
     where, _ = address_of(args)
     asked_for = args.connect or args.name

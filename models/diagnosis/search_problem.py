@@ -158,8 +158,7 @@ def choose_earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Prob
     """Return the problem with the drive half a sample or a whole sample earlier, where that
     explains much of the misfit. A whole sample must explain all of it, or most of it and much more
     than half a sample does, because loops that narrow with the rate look early, too. Return None
-    where a drive one sample later explains as much: then
-    something is late.
+    where a drive one sample later explains as much: then something is late.
 
     Nothing physical leads the drive. A recorder that holds each command and reads at the end of the
     sample makes the reading lead by half a sample, relative to the straight lines between samples

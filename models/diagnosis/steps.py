@@ -52,7 +52,7 @@ def diagnose(
         say(f"without {odd}", 0.0)
         others = diagnose(rest, model, progress, several, with_limits)
         if others.verdict in ("clean", "explained"):
-            says = f"{odd} does not belong to the others, and was left out: diagnose it alone"
+            says = f"the recording {odd} does not belong to the others, and was left out"
             return replace(others, data=replace(others.data, says=(says, *others.data.says)))
     return _report(judged, recordings, with_limits, say)
 

@@ -14,7 +14,7 @@ from dehyst.models.cascade.simulate import simulate
 from dehyst.models.errors import BadRecording
 from dehyst.models.hysteresis.z_range import find_least_slope, find_rates
 from dehyst.models.identify.data.folds import assign_pieces
-from dehyst.models.identify.data.outliers import measure_deviation, measure_jumps, sample, thin
+from dehyst.models.identify.data.outliers import measure_deviation, sample, thin
 from dehyst.models.identify.data.rows import (
     Rows,
     find_acceleration,
@@ -33,6 +33,7 @@ from dehyst.models.identify.tuning import TUNING
 from dehyst.models.model import Hysteresis, Model, Validity
 from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats
+from dehyst.models.signals.lone import measure_jumps
 
 
 @dataclass(frozen=True)
@@ -273,6 +274,7 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
     known = [_memory_is_known(one, one.virgin and trust_start) for one in rows]
     picks, running = [use & k for use, k in zip(allowed, known, strict=True)], None
     settled, total = (sum(int(np.count_nonzero(m)) for m in ms) for ms in (picks, allowed))
+    # from a known start the rows before a pause suffice; without one, more must have settled
     least = TUNING.minor if virgin else 0.3
     if settled < max(least * total, TUNING.fewest_rows):
         picks = allowed

@@ -17,6 +17,7 @@ from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording
 from dehyst.models.signals.pace import measure_pace
 from dehyst.models.signals.rounding import quantum
+from dehyst.models.units import spell_unit
 
 LAGS = 40  # rows: longest lag of the residual's correlation with itself and the drive
 FEWEST = 12  # rows by which an error and its noise can be judged
@@ -128,8 +129,8 @@ def validate(model: Model, recording: Recording) -> Validation:
     u, t, y = recording.drive[at], recording.t_s[at], recording.displacement[at]
     if float(np.ptp(u)) <= STILL * (model.validity.drive_max - model.validity.drive_min):
         raise BadInput(
-            f"{recording.name}: the drive stays at {u[0]:.6g} throughout, which shows nothing of a "
-            "model; record a drive that moves"
+            f"{recording.name}: the drive stays at {u[0]:.6g} {spell_unit(recording.drive_unit)} "
+            "throughout, which shows nothing of a model; record a drive that moves"
         )
     late = _find_late(t)
     read = ~np.isnan(y)

@@ -59,8 +59,9 @@ def find_jumps_at_turns(u: Floats, y: Floats, way: float) -> Floats:
     span, gain = float(np.ptp(u)), float(np.ptp(np.quantile(y, [0.02, 0.98])))
     sense = np.sign(np.polyfit(u, y, 1)[0])
     found = []
-    for turn in _find_turns(u, FAR_TURN * span):
-        moved = np.abs(u[turn:] - u[turn]) >= way * span
+    turns = _find_turns(u, FAR_TURN * span)
+    for turn, end in pairwise([*turns, u.size]):
+        moved = np.abs(u[turn:end] - u[turn]) >= way * span
         if not moved.any():
             continue
         after, before = turn + int(np.argmax(moved)), max(turn - 2, 0)  # a gauge may be a row late

@@ -1,6 +1,7 @@
 """Find lone readings: single rows that a recorder wrote wrongly."""
 
 import numpy as np
+from numba import njit
 
 from dehyst.models.recording import Bools, Floats
 from dehyst.models.signals.rounding import quantum
@@ -32,27 +33,31 @@ def lone_readings(y: Floats, u: Floats) -> Bools:
     if known.size < 20:
         return lone
     v, drive = y[known], u[known]
-    off, beside = _off_the_cubic(v), np.abs(_off_the_cubic(drive))
-    scatter = 1.4826 * float(np.median(np.abs(off)))
-    limit = max(OFF * scatter, STEPS * quantum(v), 1e-12 * float(np.ptp(v)))
-    before, after = v[2:-2] - v[1:-3], v[2:-2] - v[3:-1]
-    both = np.where(before * after > 0.0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+    off, beside = np.abs(measure_jumps(v)), np.abs(measure_jumps(drive))
+    limit = max(OFF * 1.4826 * float(np.median(off)), STEPS * quantum(v), 1e-12 * float(np.ptp(v)))
+    both = np.zeros(v.size)
+    before, after = v[1:-1] - v[:-2], v[1:-1] - v[2:]
+    both[1:-1] = np.where(before * after > 0.0, np.minimum(np.abs(before), np.abs(after)), 0.0)
     gain = float(np.ptp(np.quantile(v, [0.02, 0.98])))
     gain /= max(float(np.ptp(np.quantile(drive, [0.02, 0.98]))), 1e-300)
-    rest = np.maximum(np.abs(np.roll(off, 1)), np.abs(np.roll(off, -1)))  # two thirds if alone
+    rest = np.maximum(np.roll(off, 1), np.roll(off, -1))  # the two rows at each end are 0
     near = np.max([np.roll(beside, k) for k in (-2, -1, 0, 1, 2)], axis=0)
-    size = np.abs(off)
-    far = (size > limit) & (both > BOTH * size) & (gain * near < DRIVEN * size)
-    far &= rest < ALONE * size
+    far = (off > limit) & (both > BOTH * off) & (gain * near < DRIVEN * off) & (rest < ALONE * off)
     at = np.flatnonzero(far)
     gaps = np.diff(at, prepend=-APART, append=far.size + APART)
     at = at[np.minimum(gaps[:-1], gaps[1:]) >= APART]
     if 0 < at.size <= max(1.0, FEW * known.size):
-        lone[known[2:-2][at]] = True
+        lone[known[at]] = True
     return lone
 
 
-def _off_the_cubic(x: Floats) -> Floats:
-    """Return the distance (N - 4,) of each inner value from the cubic through its four
-    neighbours."""
-    return x[2:-2] - (4.0 * (x[1:-3] + x[3:-1]) - (x[:-4] + x[4:])) / 6.0
+@njit(cache=True, nogil=True)
+def measure_jumps(x: Floats) -> Floats:
+    """Return the distance (N,) of each value from the cubic through its four neighbours; 0 next to
+    NaN."""
+    out = np.zeros(x.size)
+    for i in range(2, x.size - 2):
+        around = (4.0 * (x[i - 1] + x[i + 1]) - (x[i - 2] + x[i + 2])) / 6.0
+        off = x[i] - around
+        out[i] = 0.0 if np.isnan(off) else off
+    return out

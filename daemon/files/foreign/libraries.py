@@ -103,10 +103,9 @@ def _as_scaled(attributes: Any, values: Any) -> tuple[str, Any]:
         values = values * (1.0 if factor is None else factor) + (offset or 0.0)
         values[lost] = np.nan
     other = _number_in(attributes, "scaling_factor", "scale", "gain")
-    other_offset = _number_in(attributes, "offset")
-    if (other, other_offset) not in ((None, None), (1.0, None), (None, 0.0), (1.0, 0.0)):
-        unit = f"{unit} x {1.0 if other is None else other:g}"
-        unit += f" + {other_offset:g}" if other_offset else ""
+    other, zero = 1.0 if other is None else other, _number_in(attributes, "offset") or 0.0
+    if (other, zero) != (1.0, 0.0):
+        unit = f"{unit} x {other:g}" + (f" + {zero:g}" if zero else "")
     return unit.strip(), values
 
 

@@ -66,20 +66,9 @@ _NEITHER = {
 }  # fmt: skip
 """Words of what is neither drive nor displacement, such as the prediction of a model."""
 _ROW = {
-    "",
-    "index",
-    "idx",
-    "no",
-    "nr",
-    "n",
-    "row",
-    "sample",
-    "samples",
-    "point",
-    "sequence",
-    "seq",
+    "", "index", "idx", "no", "nr", "n", "row", "sample", "samples", "point", "sequence", "seq",
     "scan",
-}
+}  # fmt: skip
 _PLAIN = re.compile(rf"(?:(t)_s|(u|y|target)_(?:{'|'.join(UNIT_NAMES)}))")
 
 

@@ -7,6 +7,7 @@ from numba import njit
 
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
+from dehyst.models.signals.lone import measure_jumps
 
 PAUSE = 4.0
 """Sampling periods: what changes across a longer pause is no glitch."""
@@ -63,18 +64,6 @@ def _find_glitches(v: Floats) -> Bools:
         largest[:-step] &= jumps[:-step] >= jumps[step:]
     lone = (jumps > 0.85 * off) & largest
     return (off > limit) & (lone | (off > TUNING.far * _measure_steps(v)))
-
-
-@njit(cache=True, nogil=True)
-def measure_jumps(x: Floats) -> Floats:
-    """Return the distance (N,) of each value from the cubic through its four neighbours; 0 next to
-    NaN."""
-    out = np.zeros(x.size)
-    for i in range(2, x.size - 2):
-        around = (4.0 * (x[i - 1] + x[i + 1]) - (x[i - 2] + x[i + 2])) / 6.0
-        off = x[i] - around
-        out[i] = 0.0 if np.isnan(off) else off
-    return out
 
 
 @njit(cache=True, nogil=True)

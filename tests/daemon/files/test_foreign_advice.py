@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.rigs.foreign_files import asked, read
 
-from dehyst.daemon.files.foreign.reading import ReadOptions, parse_columns
+from dehyst.daemon.files.foreign.reading import parse_columns
 from dehyst.daemon.files.loading import load_columns
-from dehyst.daemon.files.recordings import read_columns, read_recording
+from dehyst.daemon.files.recordings import read_columns
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Recording
 
@@ -27,17 +28,6 @@ def write(path: Path, head: Sequence[str], *columns: Sequence[Any] | np.ndarray)
     body = [",".join(map(str, row)) for row in zip(*columns, strict=True)]
     path.write_text("\n".join([*head, *body]) + "\n", encoding="utf-8")
     return path
-
-
-def read(path: Path, **options: Any) -> Recording:
-    return read_recording(path, need_displacement=True, reading=ReadOptions(**options))
-
-
-def asked(path: Path, **options: Any) -> str:
-    with pytest.raises(BadRecording) as error:
-        read(path, **options)
-    assert "\n" not in str(error.value)
-    return str(error.value)
 
 
 def advised(said: str) -> dict[str, str | int]:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.rigs.foreign_files import asked, read
 
-from dehyst.daemon.files.foreign.reading import ReadOptions
-from dehyst.daemon.files.recordings import read_recording, read_recordings, recording_of
+from dehyst.daemon.files.recordings import read_recordings, recording_of
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Recording
 
@@ -30,18 +30,6 @@ def rows(*columns: Sequence[float] | np.ndarray, separator: str = ",", decimal: 
 def write(path: Path, *lines: str) -> Path:
     path.write_text("\n".join(lines) + "\n")
     return path
-
-
-def read(path: Path, **options: object) -> Recording:
-    reading = ReadOptions(**options)  # type: ignore[arg-type]
-    return read_recording(path, need_displacement=True, reading=reading)
-
-
-def asked(path: Path, **options: object) -> str:
-    with pytest.raises(BadRecording) as error:
-        read(path, **options)
-    assert "\n" not in str(error.value)
-    return str(error.value)
 
 
 def is_it(found: Recording, y: np.ndarray = Y, unit: str = "um") -> None:

@@ -3,13 +3,11 @@ exponents, dates; and lines that belong to no row, which are counted or named.""
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from tests.rigs.foreign_files import asked, read
 
-from dehyst.daemon.files.foreign.reading import ReadOptions
-from dehyst.daemon.files.recordings import read_recording
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Recording
 
@@ -24,17 +22,6 @@ BODY = [f"{t:.3f},{u:.3f},{y:.4f}" for t, u, y in zip(T, U, Y, strict=True)]
 def write(path: Path, *lines: str) -> Path:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
-
-
-def read(path: Path, **options: Any) -> Recording:
-    return read_recording(path, need_displacement=True, reading=ReadOptions(**options))
-
-
-def asked(path: Path, **options: Any) -> str:
-    with pytest.raises(BadRecording) as error:
-        read(path, **options)
-    assert "\n" not in str(error.value)
-    return str(error.value)
 
 
 def is_it(

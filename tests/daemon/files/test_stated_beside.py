@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.rigs.foreign_files import asked, read
 
 from dehyst.daemon.files import loading
 from dehyst.daemon.files.foreign.libraries import READERS
-from dehyst.daemon.files.foreign.reading import ReadOptions, parse_columns
-from dehyst.daemon.files.recordings import read_recording
-from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Recording
 
 N = 200
@@ -28,18 +26,6 @@ pytestmark = pytest.mark.processes  # h5py asks `uname` for the processor
 def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Read with the libraries here: a process for each file would take a minute in all."""
     monkeypatch.setattr(loading, "read_apart", lambda path: READERS[path.suffix](path))
-
-
-def read(path: Path, columns: str = "", **options: Any) -> Recording:
-    reading = ReadOptions(parse_columns(columns), **options)
-    return read_recording(path, need_displacement=True, reading=reading)
-
-
-def asked(path: Path, columns: str = "", **options: Any) -> str:
-    with pytest.raises(BadRecording) as error:
-        read(path, columns, **options)
-    assert "\n" not in str(error.value)
-    return str(error.value)
 
 
 def is_it(found: Recording, displacement: np.ndarray = Y, unit: str = "um") -> None:

@@ -124,7 +124,7 @@ def test_a_recording_that_does_not_belong_is_named_and_the_others_are_used(
     odd = given[which] = replace(given[which], displacement=fault(given[which]))
     found = diagnose_without_limits(given)
     assert (found.verdict, found.findings) == ("clean", ())
-    assert found.data.says[0].startswith(f"{odd.name} does not belong to the others")
+    assert found.data.says[0].startswith(f"the recording {odd.name} does not belong to the others")
     assert odd.name not in found.rms["model"]
 
 

@@ -120,5 +120,5 @@ def test_a_drive_that_never_moves_shows_nothing(noise_um: float) -> None:
     model = identify([ordinary(0)]).model
     y = 3.0 + noise_um * np.random.default_rng(0).standard_normal(2000)
     still = Recording(np.arange(2000) / 500.0, np.full(2000, 40.0), y, name="still.csv")
-    with pytest.raises(BadInput, match=r"still.csv: the drive stays at 40 throughout"):
+    with pytest.raises(BadInput, match=r"still.csv: the drive stays at 40 V throughout"):
         validate(model, still)

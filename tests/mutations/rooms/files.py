@@ -567,8 +567,8 @@ CHANGES += room(
         "lost = np.isin(values, [])", "-9999, which stands for no value, is read as a displacement",
     ),
     Change(
-        "other-factor-passed-over", LIBRARIES, "if (other, other_offset) not in",
-        "if False and (other, other_offset) not in",
+        "other-factor-passed-over", LIBRARIES, "if (other, zero) != (1.0, 0.0):",
+        "if False:",
         "numbers that a scaling factor belongs to are read without it and without a word",
     ),
     Change(

@@ -118,11 +118,11 @@ CHANGES = room(
 ) + room(
     ("tests/daemon/commands/test_scan.py",),
     Change(
-        "scan-out-of-reach", "daemon/client/scan_check.py", "(UNREACHABLE, \"out of reach\")",
+        "scan-out-of-reach", "daemon/scan_check.py", "(UNREACHABLE, \"out of reach\")",
         "(0, \"out of reach\")", "a path is written that an axis cannot follow",
     ),
     Change(
-        "scan-too-fast", "daemon/client/scan_check.py", "(FLAG_SLEW, ", "(0, ",
+        "scan-too-fast", "daemon/scan_check.py", "(FLAG_SLEW, ", "(0, ",
         "a path is written that is faster than the slew limit",
     ),
 ) + room(
@@ -365,14 +365,14 @@ CHANGES += (
         Change(
             "ringing-is-lone",
             "models/signals/lone.py",
-            "far &= rest < ALONE * size",
-            "pass",
+            "& (rest < ALONE * off)",
+            "",
             "readings of a mode that rings are left out",
         ),
         Change(
             "edges-are-lone",
             "models/signals/lone.py",
-            "& (gain * near < DRIVEN * size)",
+            "& (gain * near < DRIVEN * off)",
             "",
             "readings of a drive with pulses are left out",
         ),

@@ -113,7 +113,7 @@ CHANGES = [
             '(why := "")', "a group waits for an axis that does not exist",
         ),
         Change(
-            "others-play-on-alone", "daemon/client/player.py",
+            "others-play-on-alone", "daemon/client/together.py",
             "        _stop_begun([p for p, e in zip(players, ended, strict=True) if e is None])\n",
             "        pass\n", "if one axis ends early, the others continue",
             survives="the loop itself holds the members of a group together",
