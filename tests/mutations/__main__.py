@@ -87,25 +87,31 @@ def judge(base: Path, folder: Path, change: Change, usual_s: float) -> Outcome:
     return Outcome(change, UNJUDGED, f"pytest ended with {code}: {out.strip()[-400:]}", seconds)
 
 
-def check_unchanged(base: Path, changes: Sequence[Change]) -> dict[tuple[str, ...], float]:
+def check_unchanged(
+    base: Path, changes: Sequence[Change], pool: ThreadPoolExecutor
+) -> dict[tuple[str, ...], float]:
     """Return the seconds that each set of tests takes on unchanged code; sets that fail are left
     out."""
-    found = {}
-    for tests in dict.fromkeys(one.tests for one in changes):
+
+    def one(tests: tuple[str, ...]) -> tuple[tuple[str, ...], int | None, float]:
         begun = time.monotonic()
         code, out = run_tests(base, tests, 1800.0)
         print(f"unchanged: {' '.join(tests)}: {out.strip().splitlines()[-1:]}", flush=True)
-        if code == 0:
-            found[tests] = time.monotonic() - begun
-    return found
+        return tests, code, time.monotonic() - begun
+
+    judged = pool.map(one, dict.fromkeys(one.tests for one in changes))
+    return {tests: seconds for tests, code, seconds in judged if code == 0}
 
 
 def run(changes: Sequence[Change], jobs: int) -> list[Outcome]:
     """Judge all changes, in order, and print each outcome when it is known."""
-    with tempfile.TemporaryDirectory(prefix="dehyst-mutations-") as name:
+    with (
+        tempfile.TemporaryDirectory(prefix="dehyst-mutations-") as name,
+        ThreadPoolExecutor(jobs) as pool,
+    ):
         folder = Path(name)
         base = copy_project(folder / "base")
-        usual_s = check_unchanged(base, changes)
+        usual_s = check_unchanged(base, changes, pool)
 
         def one(change: Change) -> Outcome:
             if change.tests in usual_s:
@@ -115,8 +121,7 @@ def run(changes: Sequence[Change], jobs: int) -> list[Outcome]:
             print(f"{outcome.result:19s} {change.name}  {outcome.by}", flush=True)
             return outcome
 
-        with ThreadPoolExecutor(jobs) as pool:
-            return list(pool.map(one, changes))
+        return list(pool.map(one, changes))
 
 
 def print_table(outcomes: Sequence[Outcome]) -> None:
