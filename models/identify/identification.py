@@ -8,6 +8,7 @@ monotone over the identified rate range.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -48,7 +49,12 @@ from dehyst.models.identify.uncertainty import (
 from dehyst.models.model import Fit, Provenance, Validity
 from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats, Recording
-from dehyst.models.signals.drive_segments import find_drive_segments, repeats_one_loop
+from dehyst.models.signals.drive_segments import (
+    DriveSegments,
+    find_drive_segments,
+    find_one_period,
+    repeats_one_loop,
+)
 from dehyst.models.signals.pace import measure_slowest_s
 from dehyst.models.signals.rounding import quantum
 from dehyst.models.units import spell_unit
@@ -151,30 +157,24 @@ class _Found:
 def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) -> _Found:
     """Choose the structure, remove outliers, and fit all rows."""
     notes = list(setup.notes)
-    wanted = list_shapes(options.rate, options.saturation, options.bias)
-    one_rate = _is_one_loop(setup.rows, setup.span)
-    if setup.rate_max <= 0.0 or (one_rate and options.rate is None):
-        wanted = [s for s in wanted if not s.rate]
+    drives = _find_segments(setup.rows, setup.span)
+    one_rate = repeats_one_loop(drives)
+    chosen = _choose(setup, options, progress, one_rate)
+    period_s = None if one_rate else find_one_period(drives)
+    dynamic = chosen.best.lag is not None or (chosen.best.shape.rate and options.rate is None)
+    outlasts = period_s is None or not dynamic or chosen.outlasts_drift(period_s)
+    if not outlasts:
+        one_rate = True
+        chosen = _choose(setup, options, progress, one_rate)
     if one_rate:
         notes.append(
-            "one loop at one rate: lag, delay, resonance and rate-dependence cannot be "
+            f"{'one loop at one rate' if outlasts else 'one rate, and drift or creep beside it'}: "
+            "lag, delay, resonance and rate-dependence cannot be "
             "distinguished from the hysteresis, and the model is static; a second "
             "recording at another rate, or one with an edge, identifies it"
         )
-    search = Search(setup, wanted, progress, with_lags=not one_rate)
-    tried = search.run()
-    best = search.choose(tried)
-    for _ in range(3):
-        errors = setup.residuals(search.r, best.shape, best.params, best.offset, best.lag)
-        setup, count = setup.without_outliers(errors)
-        if not count:
-            break
-        notes.append(f"{count} lone displacement values far off their neighbours were left out")
-        if count <= 1e-3 * errors[0].size:
-            break
-        search = Search(setup, wanted, progress, with_lags=not one_rate)
-        tried = search.run()
-        best = search.choose(tried)
+    setup, search, tried, best = chosen.setup, chosen.search, chosen.tried, chosen.best
+    notes += chosen.notes
     require_following(setup, best.held_rms)
     others: list[TriedStructure] = tried  # after a curve has turned over, no other is tried
     while True:
@@ -209,15 +209,50 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     return _Found(setup, best, search.r, fitted, tried, notes)
 
 
-def _is_one_loop(rows: Sequence[Rows], span: float) -> bool:
-    """Return whether all recordings together repeat one loop at one rate."""
+class _Chosen(NamedTuple):
+    """The chosen structure, with the rows that remained. notes: what was left out."""
+
+    setup: FitSetup
+    search: Search
+    tried: list[TriedStructure]
+    best: TriedStructure
+    notes: list[str]
+
+    def outlasts_drift(self, period_s: float) -> bool:
+        """Return whether the chosen dynamics predict beside a drift too."""
+        return self.search.outlasts_drift(self.best, self.tried, period_s)
+
+
+def _choose(
+    setup: FitSetup, options: Options, progress: Callable[[str], None], one_rate: bool
+) -> _Chosen:
+    """Choose the structure, again without the outliers that it shows. one_rate: the recordings
+    cannot show dynamics."""
+    notes = []
+    wanted = list_shapes(options.rate, options.saturation, options.bias)
+    if setup.rate_max <= 0.0 or (one_rate and options.rate is None):
+        wanted = [s for s in wanted if not s.rate]
+    for left in range(TUNING.rounds, -1, -1):
+        search = Search(setup, wanted, progress, with_lags=not one_rate)
+        tried = search.run()
+        best = search.choose(tried)
+        errors = setup.residuals(search.r, best.shape, best.params, best.offset, best.lag)
+        fewer, count = setup.without_outliers(errors) if left else (setup, 0)
+        if not count:
+            break
+        notes.append(f"{count} lone displacement values far off their neighbours were left out")
+        setup = fewer
+        if count <= 1e-3 * errors[0].size:
+            break
+    return _Chosen(setup, search, tried, best, notes)
+
+
+def _find_segments(rows: Sequence[Rows], span: float) -> list[DriveSegments]:
+    """Return the segments of each recording's drive."""
     known = [~np.isnan(one.u) for one in rows]
-    return repeats_one_loop(
-        [
-            find_drive_segments(one.t_s[k], one.u[k], span)
-            for one, k in zip(rows, known, strict=True)
-        ]
-    )
+    return [
+        find_drive_segments(one.t_s[k], one.u[k], span) for one, k in zip(rows, known, strict=True)
+    ]
 
 
 def _left(best: TriedStructure, fitted: Fitted, picks: Sequence[Bools]) -> float:

@@ -5,8 +5,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dehyst.models.identify.data.outliers import thin
+from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.equations import Equations, Shape
 from dehyst.models.identify.evidence import ProbableStructure, maximise_evidence
 from dehyst.models.identify.fit import make_start
@@ -17,7 +19,7 @@ from dehyst.models.identify.thresholds import space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import estimate_noise
 from dehyst.models.physics.dynamics import LEAD, Dynamics
-from dehyst.models.recording import Bools
+from dehyst.models.recording import Bools, Floats
 from dehyst.models.signals.rounding import quantum
 
 
@@ -138,6 +140,20 @@ class Search:
             return True
         return pays(self._score_rival(static), rate)
 
+    def outlasts_drift(
+        self, found: TriedStructure, tried: Sequence[TriedStructure], period_s: float
+    ) -> bool:
+        """Return whether dynamics remove the larger part of what every static candidate leaves,
+        each period of the drive with its own offset. With one period, a drift, or a change of size
+        in a stage of another class, looks like a lag or a rate-dependence."""
+
+        def left(one: TriedStructure) -> float:
+            trial = DriftTrial(self.setup, self.picks, self.r, one, period_s)
+            return float(trial.score(one.shape, self.setup.strengths[::2]).held.sum())
+
+        static = [left(c) for c in tried if c.lag is None and not c.shape.rate]
+        return not static or left(found) < TUNING.half * min(static)
+
     def _score_rival(self, static: TriedStructure) -> TriedStructure:
         """Score the static structure with slopes that depend on the place."""
         shape = replace(static.shape, rate=True)
@@ -244,3 +260,52 @@ class PlaceTrial(Trial):
             place = (plays - 0.5 * lot.d - middle) / half
             out.append(lot._replace(e=lot.d * place, pace=np.zeros(lot.pace.size)))
         return out
+
+
+class DriftTrial(Trial):
+    """Trial of one candidate in which each period of the drive has an offset of its own, about the
+    candidate's parameters."""
+
+    def __init__(
+        self,
+        setup: FitSetup,
+        picks: Sequence[Bools],
+        r: Floats,
+        candidate: TriedStructure,
+        period_s: float,
+    ) -> None:
+        self.periods, count = _number_periods(setup.rows, period_s)
+        super().__init__(setup, picks, r, candidate.offset, candidate.lag, candidate.loose)
+        params = candidate.params._replace(shifts=np.zeros(count - 1))
+        self.linearise(params, candidate.shape, candidate.shape.powers)
+
+    def gather(self, picks: Sequence[Bools]) -> list[Equations]:
+        """Return the equations of the picked rows, with the number of the period in place of that
+        of the recording."""
+        rows = [
+            replace(one, piece=number)
+            for one, number in zip(self.setup.rows, self.periods, strict=True)
+        ]
+        numbered = replace(self.setup, rows=rows).equations(picks, self.r, self.offset, self.lag)
+        return [
+            lot._replace(group=other.piece.astype(np.int64))
+            for lot, other in zip(super().gather(picks), numbered, strict=True)
+        ]
+
+
+MOST_PERIODS = 100
+"""Largest number of periods with an offset of their own; of more, several share one. It fits into
+the eight bits that number the pieces."""
+
+
+def _number_periods(rows: Sequence[Rows], period_s: float) -> tuple[list[NDArray[np.int8]], int]:
+    """Return the number of its period for each row of each recording, and the count of all."""
+    whole = sum(float(one.t_s[-1] - one.t_s[0]) for one in rows)
+    long_s = max(period_s, whole / (MOST_PERIODS - len(rows)))
+    numbers, begun = [], 0
+    for one in rows:
+        count = max(1, int((one.t_s[-1] - one.t_s[0]) / long_s))
+        at = (one.t_s - one.t_s[0]) / max(one.t_s[-1] - one.t_s[0], 1e-300) * count
+        numbers.append((begun + np.minimum(at, count - 1)).astype(np.int8))
+        begun += count
+    return numbers, begun

@@ -134,17 +134,26 @@ def _fastest_half(t: Floats, u: Floats) -> float:
     return float(taken[np.searchsorted(done, 0.5 * done[-1])] / max(taken[-1], 1e-300))
 
 
+def find_one_period(recordings: Sequence[DriveSegments]) -> float | None:
+    """Return the period [s] at which the drive of all recordings repeats, whatever the sizes of its
+    segments; None if their durations differ or a recording has edges, which show other rates."""
+    known = [ways for ways in recordings if ways.durations.size >= 2]
+    if not known or any(float(np.median(ways.fastest)) < EDGE for ways in known):
+        return None
+    durations = [ways.durations for ways in known]
+    return 2.0 * float(np.median(np.concatenate(durations))) if _alike(durations) else None
+
+
 def repeats_one_loop(recordings: Sequence[DriveSegments]) -> bool:
     """Return whether the segments of all recordings are alike in duration and size, and no
     recording has edges: one loop at one rate cannot show what depends on the rate."""
     known = [ways for ways in recordings if ways.durations.size >= 2]
     if not known:
         return True
-    if any(float(np.median(ways.fastest)) < EDGE for ways in known):
-        return False
-    ends = (ENDS_LEFT_OUT, 1.0 - ENDS_LEFT_OUT)
-    for which in ("durations", "sizes"):
-        found = np.array([np.quantile(getattr(ways, which), ends) for ways in known])
-        if found[:, 1].max() > ALIKE * found[:, 0].min():
-            return False
-    return True
+    return find_one_period(known) is not None and _alike([ways.sizes for ways in known])
+
+
+def _alike(values: Sequence[Floats]) -> bool:
+    """Return whether all values of all recordings are nearly equal."""
+    ends = np.array([np.quantile(some, (ENDS_LEFT_OUT, 1.0 - ENDS_LEFT_OUT)) for some in values])
+    return bool(ends[:, 1].max() <= ALIKE * ends[:, 0].min())

@@ -151,12 +151,41 @@ def lagged(seed: int, rates: tuple[float, ...], tau_s: float) -> list[Recording]
         x = f * t + start
         u = 100 * np.abs(2 * (x % 1.0) - 1) if seed % 2 else 50 - 50 * np.cos(2 * np.pi * x)
         y = plays(u, r, w * 0.12 / w.sum())
-        if tau_s:
-            late, share = np.empty(y.size), 1.0 - np.exp(-1.0 / (RATE_HZ * tau_s))
-            level = y[0]
-            for i, target in enumerate(y):
-                level += share * (target - level)
-                late[i] = level
-            y = late
+        y = delayed(y, tau_s) if tau_s else y
         out.append(Recording(t, u, noisy(y, 10 * seed + place), name=f"at-{f:g}-hz.csv"))
     return out
+
+
+def delayed(y: Floats, tau_s: float) -> Floats:
+    """Read y through a first-order lag, row by row."""
+    late, share = np.empty(y.size), 1.0 - np.exp(-1.0 / (RATE_HZ * tau_s))
+    level = y[0]
+    for i, target in enumerate(y):
+        level += share * (target - level)
+        late[i] = level
+    return late
+
+
+def beside_drift(seed: int, tau_s: float) -> Recording:
+    """A stage whose drive has one period and changing sizes, read through a first-order lag (0:
+    none), beside a ramp, a random walk, a creep or a step of the reading."""
+    rng = np.random.default_rng(seed)
+    f = rng.choice([0.5, 1.0, 2.0])
+    t = times(12.0 / f)
+    part = t / t[-1]
+    size = (1.0 - 0.7 * part, 0.3 + 0.7 * part, np.where(part < 0.5, 1.0, 0.5))[seed % 3]
+    x = f * t
+    wave = np.abs(2 * (x % 1.0) - 1) if seed % 2 else 0.5 + 0.5 * np.cos(2 * np.pi * x)
+    u = 140.0 * size * (1.0 - wave)
+    r = np.linspace(0.0, 60.0, 12)
+    w = np.exp(-r / rng.uniform(15, 30))
+    w[0] *= 4.0
+    y = plays(u, r, w * 0.12 / w.sum())
+    still = delayed(y, tau_s) if tau_s else y
+    slow = (
+        0.01 * part,
+        0.01 * np.cumsum(rng.standard_normal(t.size)) / np.sqrt(t.size),
+        0.05 / np.ptp(y) * (delayed(y, 3.0 / f) - y),
+        0.01 * (part > 0.6),
+    )[seed // 3 % 4]
+    return Recording(t, u, noisy(still + np.ptp(y) * slow, seed, 0.001), name=f"beside-{seed}.csv")

@@ -1,7 +1,7 @@
 """What identification reports for recordings outside its class, ordinary ones, and one or two
 rates.
 
-    python -m tests.benchmarks.models.outside [outside ordinary proof slow lags] [--number 40]
+    python -m tests.benchmarks.models.outside [PART ...] [--number 40]
 
 It prints a table and its bars; the exit status is 0 or 1, see tests/benchmarks/bars.py.
 """
@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from tests.benchmarks.bars import Bars
 from tests.benchmarks.models.proof.families import FAMILIES, plans
 from tests.benchmarks.models.proof.stages import make_case
-from tests.rigs.outside import lagged, linear, ordinary, outside
+from tests.rigs.outside import beside_drift, lagged, linear, ordinary, outside
 
 from dehyst.models.errors import BadRecording
 from dehyst.models.identify import Identification, identify
@@ -21,6 +21,7 @@ from dehyst.models.recording import Recording
 
 ORDINARY = 60
 LEAST_LAGS = 0.95
+LEAST_BESIDE = 0.9  # one period shows a lag only where it is more than what the drift hides
 SEED = 4400  # of the proof's stages
 
 
@@ -84,7 +85,28 @@ def lags(bars: Bars, number: int) -> None:
     bars.least(f"of {number} with a lag at two rates, given one", named, LEAST_LAGS * number)
 
 
-PARTS = {"outside": without, "ordinary": inside, "proof": proof, "slow": slow, "lags": lags}
+def drifting(bars: Bars, number: int) -> None:
+    """Drives of one period and several sizes, beside drift, creep and steps."""
+    given = named = 0
+    for seed in range(number):
+        still = found_in([beside_drift(seed, 0.0)], f"drift {seed}")
+        given += still is None or still.shape.rate or bool(still.model.blocks)
+        late = found_in([beside_drift(seed, 0.02)], f"lag beside drift {seed}")
+        named += late is not None and (late.shape.rate or bool(late.model.blocks))
+    bars.none(f"given dynamics or refused of {number} of one period beside a drift", given)
+    bars.least(
+        f"of {number} with a lag beside a drift, given dynamics", named, LEAST_BESIDE * number
+    )
+
+
+PARTS = {
+    "outside": without,
+    "ordinary": inside,
+    "proof": proof,
+    "slow": slow,
+    "lags": lags,
+    "drifting": drifting,
+}
 
 
 def main() -> int:

@@ -3,7 +3,7 @@ dynamics are claimed only if the recordings show two rates."""
 
 import numpy as np
 import pytest
-from tests.rigs.outside import lagged, linear, noisy, ordinary, outside, stage, times
+from tests.rigs.outside import beside_drift, lagged, linear, noisy, ordinary, outside, stage, times
 
 from dehyst.models.errors import BadRecording
 from dehyst.models.identify import identify
@@ -67,6 +67,19 @@ def test_one_slow_loop_gives_a_static_model_and_says_so(tau_s: float) -> None:
     assert not found.shape.rate
     assert found.model.blocks == ()
     assert any("one loop at one rate" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 6, 9, 11])
+def test_a_drift_beside_a_drive_of_one_period_gives_no_dynamics(seed: int) -> None:
+    found = identify([beside_drift(seed, 0.0)])
+    assert not found.shape.rate
+    assert found.model.blocks == ()
+
+
+def test_a_lag_beside_a_drift_and_several_sizes_is_found() -> None:
+    found = identify([beside_drift(1, 0.02)])
+    assert [block.kind for block in found.model.blocks] == ["lag"]
+    assert not any("one rate" in note for note in found.notes)
 
 
 def test_two_rates_give_the_lag() -> None:

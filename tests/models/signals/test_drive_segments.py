@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from dehyst.models.recording import Floats
-from dehyst.models.signals.drive_segments import find_drive_segments, repeats_one_loop
+from dehyst.models.signals.drive_segments import (
+    find_drive_segments,
+    find_one_period,
+    repeats_one_loop,
+)
 
 T = np.arange(4000) / 500.0
 
@@ -29,6 +33,18 @@ def test_a_second_rate_counts_however_few_ways_it_has() -> None:
 
 def test_a_second_size_counts() -> None:
     assert not repeats(sine(1.0), sine(1.0, size=25.0))
+
+
+def test_a_drive_of_one_period_may_change_its_size() -> None:
+    def period(*drives: Floats) -> float | None:
+        return find_one_period([find_drive_segments(T, u, 100.0) for u in drives])
+
+    fades = np.exp(-T / 6.0)
+    assert period(fades * sine(2.0)) == pytest.approx(0.5, rel=0.02)
+    assert period(sine(1.0), sine(1.0, size=25.0)) == pytest.approx(1.0, rel=0.02)
+    assert period(fades * sine(2.0), sine(3.0)) is None
+    assert period(np.where(sine(0.5) > 0, 50.0, -50.0)) is None
+    assert period(np.zeros(T.size)) is None
 
 
 def test_an_edge_counts() -> None:

@@ -145,9 +145,23 @@ CHANGES += room(
     Change(
         "dynamics-from-one-loop",
         RESULT,
-        "    one_rate = _is_one_loop(setup.rows, setup.span)\n",
+        "    one_rate = repeats_one_loop(drives)\n",
         "    one_rate = False\n",
         "a lag is reported that another rate refutes",
+    ),
+    Change(
+        "dynamics-from-a-drift",
+        RESULT,
+        "    outlasts = period_s is None or not dynamic or chosen.outlasts_drift(period_s)\n",
+        "    outlasts = True\n",
+        "a drift beside loops of several sizes is reported as a lag",
+    ),
+    Change(
+        "one-offset-for-all-periods",
+        "models/identify/search.py",
+        "            lot._replace(group=other.piece.astype(np.int64))\n",
+        "            lot\n",
+        "a drift beside loops of several sizes is reported as a lag",
     ),
     Change(
         "jitter-of-a-wrong-structure",
