@@ -14,10 +14,11 @@ def settled(t_s: np.ndarray, same: bool = False):
 
 
 @settings(max_examples=30)
-@given(st.lists(st.integers(3, 40), min_size=1, max_size=5), st.floats(1e-5, 10.0))
+@given(st.lists(st.integers(6, 40), min_size=1, max_size=5), st.floats(1e-5, 10.0))
 def test_each_stretch_of_a_clock_that_went_back_stays_as_it_is(
     sizes: list[int], step: float
 ) -> None:
+    # of six rows or more each: clocks that go back more often are refused as unsorted
     stretches = [step * np.arange(size) for size in sizes]
     times = settled(np.concatenate(stretches))
     assert [end - begin for begin, end in times.parts] == sizes
