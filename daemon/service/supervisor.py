@@ -149,7 +149,7 @@ class Supervisor:
         if beats and self.core.process is not None:
             self._ever = True
             self._happens(LifeEvent.SAMPLE)
-        if self._reload_asked and self.life is Life.BEATING:  # SIGHUP would kill a starting core
+        if self._reload_asked and self.life is Life.BEATING:  # a starting core ignores SIGHUP
             self._reload_asked = False
             self.core.signal(signal.SIGHUP)
         code = self.core.died(beats)

@@ -113,8 +113,13 @@ def test_a_small_file_does_not_keep_a_library_busy_for_long(
 def test_a_name_of_several_lines_is_said_in_one(tmp_path: Path) -> None:
     """Column names with line breaks and control characters are shown as printable text, in a file
     of dehyst's own form and in one of another program."""
+    path = tmp_path / "a.npz"
+    own = {"t_s": T, "u_v": U, "y_um": Y, "big\nger": 1e200 * Y}
+    np.savez(path, **own)
+    with pytest.raises(BadRecording, match=r"big\\nger holds numbers") as refused:
+        read_recording(path)
+    assert str(refused.value).isprintable()
     for t_s in ("t_s", "Time (s)"):
-        path = tmp_path / "a.npz"
         np.savez(path, **{t_s: T, "u_v": U, "y\n\x1b[2J": Y, "big\nger": 1e200 * Y})
         with pytest.raises(BadRecording, match=r"big\\nger holds numbers") as refused:
             read_recording(path)

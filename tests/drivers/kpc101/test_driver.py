@@ -1,9 +1,11 @@
 """The drivers of KPC101, BPC301 and BPC303, outputs and gauges, with their emulators on ptys."""
 
 import math
+import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import ClassVar
 
@@ -188,6 +190,33 @@ def test_one_role_that_finds_the_unit_gone_does_not_stop_the_other(make: Make) -
     assert gauge.read() == pytest.approx(3.2, abs=2e-3)
     output.close()
     gauge.close()
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="lists open files in /proc")
+def test_a_dead_port_is_closed_for_both_roles(make: Make) -> None:
+    """A port that stays open keeps its name, and the unit comes back under another."""
+    rig = make()
+    output = Kpc101.from_settings(rig.settings())
+    gauge = Kpc101Sensor.from_settings(rig.settings())
+    output.open()
+    gauge.open()
+    port = os.path.realpath(rig.server.port)
+    assert holds(port)
+    rig.server.unplug()
+    with pytest.raises(DriverError):
+        gauge.read()
+    assert not holds(port)
+    output.close()
+    gauge.close()
+
+
+def holds(port: str) -> bool:
+    """Return whether this process has the port open."""
+    for file in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):
+            if os.readlink(file).startswith(port):
+                return True
+    return False
 
 
 def test_an_empty_bay_is_named(make: Make) -> None:

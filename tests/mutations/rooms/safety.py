@@ -333,10 +333,10 @@ CHANGES = [
             tests=(f"{RUNS}::test_events_carry_their_time_and_belong_to_their_run",),
         ),
         Change(
-            "reload-kills-a-start", SUPERVISOR,
+            "reload-lost-in-a-start", SUPERVISOR,
             "if self._reload_asked and self.life is Life.BEATING:", "if self._reload_asked:",
-            "a reload while the core starts ends it",
-            tests=(f"{RUNS}::test_sighup_while_the_core_starts_kills_nobody",),
+            "a reload asked for while the core starts is forgotten",
+            tests=(f"{RUNS}::test_sighup_while_the_core_starts_reloads_once_it_runs",),
         ),
     ),
     *room(
