@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Trial, TriedStructure, pays, predicts_better, shows
 from dehyst.models.identify.thresholds import regrid, space_thresholds
@@ -39,7 +40,7 @@ class LagSearch:
         finest = trial.score(candidate.shape, TUNING.strengths[:1]).params
         self.begin = {True: (self.fine, finest), False: (r, candidate.params)}
         self.noise = float(candidate.fitted.sum() / candidate.sizes.sum())
-        longest = TUNING.half * setup.span / max(setup.rate_max, 1e-300)
+        longest = TUNING.half * setup.span / max(map(_find_mean_rate, setup.rows))
         self.longest = min(longest, TUNING.longest_lag_s)
         self.period = float(np.median([one.period_s for one in setup.rows]))
 
@@ -213,6 +214,14 @@ class LagSearch:
             by_z = _search(partial(cost, log_f), damped, 3)
             damping = damping if by_z is None else by_z
         return make(log_f, max(damping, TUNING.half))
+
+
+def _find_mean_rate(one: Rows) -> float:
+    """Return the way of a drive over its duration [drive unit/s]: that of a drive in steps is what
+    its rests show, not the slope of its edges."""
+    known = ~np.isnan(one.u)
+    way = float(np.abs(np.diff(one.u[known])).sum())
+    return max(way, 1e-300) / float(np.ptp(one.t_s[known]))
 
 
 def _search(

@@ -189,3 +189,15 @@ def beside_drift(seed: int, tau_s: float) -> Recording:
         0.01 * (part > 0.6),
     )[seed // 3 % 4]
     return Recording(t, u, noisy(still + np.ptp(y) * slow, seed, 0.001), name=f"beside-{seed}.csv")
+
+
+def staircase(seed: int, tau_s: float) -> Recording:
+    """A stage read through a first-order lag, whose drive only jumps and rests for half a
+    second."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(0.0, 140.0, 25), round(0.48 * RATE_HZ))
+    r = np.linspace(0.0, 60.0, 12)
+    w = np.exp(-r / rng.uniform(15, 30))
+    w[0] *= 4.0
+    y = delayed(plays(u, r, w * 0.12 / w.sum()), tau_s)
+    return Recording(times(u.size / RATE_HZ), u, noisy(y, seed, 0.001), name=f"stairs-{seed}.csv")

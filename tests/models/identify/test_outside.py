@@ -3,7 +3,17 @@ dynamics are claimed only if the recordings show two rates."""
 
 import numpy as np
 import pytest
-from tests.rigs.outside import beside_drift, lagged, linear, noisy, ordinary, outside, stage, times
+from tests.rigs.outside import (
+    beside_drift,
+    lagged,
+    linear,
+    noisy,
+    ordinary,
+    outside,
+    stage,
+    staircase,
+    times,
+)
 
 from dehyst.models.errors import BadRecording
 from dehyst.models.identify import identify
@@ -80,6 +90,15 @@ def test_a_lag_beside_a_drift_and_several_sizes_is_found() -> None:
     found = identify([beside_drift(1, 0.02)])
     assert [block.kind for block in found.model.blocks] == ["lag"]
     assert not any("one rate" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("tau_s", [0.006, 0.015, 0.04])
+def test_the_rests_of_a_staircase_show_a_lag_of_any_length(tau_s: float) -> None:
+    found = identify([staircase(3, tau_s)])
+    (block,) = found.model.blocks
+    assert block.kind == "lag"
+    assert block.params["tau_s"] == pytest.approx(tau_s, rel=0.2)
+    assert found.model.fit.rms < 2.0 * found.noise_rms
 
 
 def test_two_rates_give_the_lag() -> None:

@@ -157,6 +157,13 @@ CHANGES += room(
         "a drift beside loops of several sizes is reported as a lag",
     ),
     Change(
+        "longest-lag-of-the-edges",
+        LAGS,
+        "max(map(_find_mean_rate, setup.rows))",
+        "max(setup.rate_max, 1e-300)",
+        "a lag behind a drive in steps is not found, as its edges are fast",
+    ),
+    Change(
         "one-offset-for-all-periods",
         "models/identify/search.py",
         "            lot._replace(group=other.piece.astype(np.int64))\n",
