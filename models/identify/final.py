@@ -59,6 +59,15 @@ class Fitted:
     normal: Normal
     orders: tuple[tuple[int, float], ...]
 
+    def held_rms(self, left: float) -> float:
+        """Return the held-out rms error of the written model, which leaves this rms in the
+        recordings: that of the structure and, in quadrature, what the written model leaves beyond
+        the fit of the structure, because it can be inverted or has the offset of the end."""
+        scored = self.scored
+        fitted = float(scored.fitted.sum() / max(1.0, scored.sizes.sum()))
+        beyond = max(0.0, left**2 - (1.0 + TUNING.minor) * fitted)
+        return float(np.sqrt(scored.held_rms**2 + beyond))
+
 
 def fit_all(
     setup: FitSetup,

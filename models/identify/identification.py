@@ -351,7 +351,7 @@ def _result(
         displacement_unit=recordings[0].displacement_unit,
         fit=Fit(
             left,
-            fitted.scored.held_rms,
+            fitted.held_rms(left),
             noise,
             band if band <= TUNING.quarter * stroke else None,
         ),

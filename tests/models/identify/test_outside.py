@@ -86,6 +86,13 @@ def test_a_drift_beside_a_drive_of_one_period_gives_no_dynamics(seed: int) -> No
     assert found.model.blocks == ()
 
 
+def test_the_held_out_error_is_that_of_the_model_with_the_offset_of_the_end() -> None:
+    one = ordinary(0)
+    ramp = 0.05 * np.ptp(one.displacement) * one.t_s / one.t_s[-1]
+    fit = identify([type(one)(one.t_s, one.drive, one.displacement + ramp)]).model.fit
+    assert fit.holdout_rms > 0.95 * fit.rms
+
+
 def test_a_lag_beside_a_drift_and_several_sizes_is_found() -> None:
     found = identify([beside_drift(1, 0.02)])
     assert [block.kind for block in found.model.blocks] == ["lag"]

@@ -164,6 +164,13 @@ CHANGES += room(
         "a lag behind a drive in steps is not found, as its edges are fast",
     ),
     Change(
+        "held-out-of-another-model",
+        RESULT,
+        "            fitted.held_rms(left),\n",
+        "            fitted.scored.held_rms,\n",
+        "held-out rows are said to be predicted better than the rows of the fit",
+    ),
+    Change(
         "one-offset-for-all-periods",
         "models/identify/search.py",
         "            lot._replace(group=other.piece.astype(np.int64))\n",
