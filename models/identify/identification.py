@@ -129,14 +129,24 @@ def _leave_start(rows: Sequence[Rows], options: Options) -> FitSetup:
 
 @dataclass
 class _Found:
-    """The result of the search."""
+    """The result of the search. flat: the setup of the fit, from which a drift was subtracted."""
 
     setup: FitSetup
+    flat: FitSetup
     best: TriedStructure
     coarse: Floats
     fitted: Fitted
     tried: list[TriedStructure]
     notes: list[str]
+    drifted: float = 0.0
+    """Mean of the residuals at the end of a recording that drifts: added to the model's offset."""
+
+    @property
+    def params(self) -> Params:
+        """Parameters of the model, with the offset of the end."""
+        shape, params = self.fitted.shape, self.fitted.params
+        end = self.setup.sign * self.drifted
+        return params._replace(c=params.c + end * (np.array(shape.powers) == 0))
 
     @property
     def offset(self) -> float:
@@ -151,7 +161,7 @@ class _Found:
     def residuals(self) -> tuple[Floats, ...]:
         """Return y - model of each recording, (N,)."""
         f = self.fitted
-        return f.setup.residuals(f.r, f.shape, f.params, self.offset, self.lag)
+        return f.setup.residuals(f.r, f.shape, self.params, self.offset, self.lag)
 
 
 def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) -> _Found:
@@ -160,15 +170,19 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     drives = _find_segments(setup.rows, setup.span)
     one_rate = repeats_one_loop(drives)
     chosen = _choose(setup, options, progress, one_rate)
+    if ramp := _find_ramp(chosen, drives):
+        chosen = _choose(
+            _without_ramp(chosen.setup, ramp), options, progress, one_rate, True, chosen.notes
+        )
     period_s = None if one_rate else find_one_period(drives)
     dynamic = chosen.best.lag is not None or (chosen.best.shape.rate and options.rate is None)
     outlasts = period_s is None or not dynamic or chosen.outlasts_drift(period_s)
     if not outlasts:
         one_rate = True
-        chosen = _choose(setup, options, progress, one_rate)
+        chosen = _choose(chosen.setup, options, progress, one_rate, bool(ramp), chosen.notes)
     if one_rate:
         notes.append(
-            f"{'one loop at one rate' if outlasts else 'one rate, and drift or creep beside it'}: "
+            f"{'one loop at one rate' if outlasts else 'one rate, with drift or creep'}: "
             "lag, delay, resonance and rate-dependence cannot be "
             "distinguished from the hysteresis, and the model is static; a second "
             "recording at another rate, or one with an edge, identifies it"
@@ -206,7 +220,11 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         notes.append(f"of {size} rows a part, by chance, was fitted; the error is that of all")
     if best.lag is not None and best.lag in search.untold:
         notes.append(best.lag.doubt)
-    return _Found(setup, best, search.r, fitted, tried, notes)
+    flat = setup
+    if ramp:  # the fit is done: errors are those of the readings as they are
+        setup, own = (_without_ramp(one, -ramp) for one in (setup, fitted.setup))
+        fitted = replace(fitted, setup=own)
+    return _Found(setup, flat, best, search.r, fitted, tried, notes)
 
 
 class _Chosen(NamedTuple):
@@ -224,16 +242,22 @@ class _Chosen(NamedTuple):
 
 
 def _choose(
-    setup: FitSetup, options: Options, progress: Callable[[str], None], one_rate: bool
+    setup: FitSetup,
+    options: Options,
+    progress: Callable[[str], None],
+    one_rate: bool,
+    drifts: bool = False,
+    known: Sequence[str] = (),
 ) -> _Chosen:
     """Choose the structure, again without the outliers that it shows. one_rate: the recordings
-    cannot show dynamics."""
-    notes = []
+    cannot show dynamics; drifts: a drift was subtracted; known: notes on what was left out
+    before."""
+    notes = list(known)
     wanted = list_shapes(options.rate, options.saturation, options.bias)
     if setup.rate_max <= 0.0 or (one_rate and options.rate is None):
         wanted = [s for s in wanted if not s.rate]
     for left in range(TUNING.rounds, -1, -1):
-        search = Search(setup, wanted, progress, with_lags=not one_rate)
+        search = Search(setup, wanted, progress, not one_rate, drifts)
         tried = search.run()
         best = search.choose(tried)
         errors = setup.residuals(search.r, best.shape, best.params, best.offset, best.lag)
@@ -245,6 +269,22 @@ def _choose(
         if count <= 1e-3 * errors[0].size:
             break
     return _Chosen(setup, search, tried, best, notes)
+
+
+def _find_ramp(chosen: _Chosen, drives: Sequence[DriveSegments]) -> float:
+    """Return the straight drift of a single recording [displacement/s], 0 if it shows none. With
+    several recordings, each has its own offset."""
+    durations = np.concatenate([one.durations for one in drives])
+    if len(drives) != 1 or not durations.size or 0 not in chosen.best.shape.powers:
+        return 0.0
+    return chosen.search.find_ramp(chosen.best, 2.0 * float(np.median(durations)))
+
+
+def _without_ramp(setup: FitSetup, ramp: float) -> FitSetup:
+    """Return the setup with a straight line [displacement/s] from its start on subtracted from the
+    displacement: the start is that of a stage at rest."""
+    rows = [replace(one, y=one.y - ramp * (one.t_s - one.t_s[0])) for one in setup.rows]
+    return replace(setup, rows=rows)
 
 
 def _find_segments(rows: Sequence[Rows], span: float) -> list[DriveSegments]:
@@ -280,14 +320,11 @@ def _follow_drift(found: _Found) -> _Found:
     doubt = float(np.sqrt(rest @ rest / (means.size - 2) / (at @ at)))
     if abs(slope) <= TUNING.certain * doubt:
         return found
-    end = float(means[-2:].mean())
-    setup, fitted = found.setup, found.fitted
-    c = fitted.params.c + setup.sign * end * (np.array(fitted.shape.powers) == 0)
     found.notes.append(
         f"the displacement drifts, by {slope * means.size:+.3g} over the recording, by a straight "
         "line; the model's offset is that of the end"
     )
-    return replace(found, fitted=replace(fitted, params=fitted.params._replace(c=c)))
+    return replace(found, drifted=float(means[-2:].mean()))
 
 
 def _require_one_stage(
@@ -332,9 +369,9 @@ def _result(
     size = sum(int(np.count_nonzero(p)) for p in picks)
     left = float(np.sqrt(power / size))
     rivals = [c for c in found.tried if is_rival(found.best, c)]
-    spread = measure_spread(found.setup, found.coarse, found.best, rivals)
+    spread = measure_spread(found.flat, found.coarse, found.best, rivals)
     band = estimate_band(setup, fitted, found.offset, jackknife, (spread, noise))
-    model = setup.model(fitted.r, fitted.shape, fitted.params, found.offset, found.lag)
+    model = setup.model(fitted.r, fitted.shape, found.params, found.offset, found.lag)
     rates = setup.rates(fitted.r) if fitted.shape.rate else 0.0
     if setup.limits is not None and not is_invertible(
         model.hysteresis, setup.drive_min, setup.drive_max, rates
@@ -370,7 +407,7 @@ def _result(
         residuals=tuple(residuals),
         used=tuple(picks),
         shape=fitted.shape,
-        params=fitted.params,
+        params=found.params,
         errors=errors,
         rates=setup.rates(fitted.r),
         at_bound=~fitted.free,

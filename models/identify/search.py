@@ -24,7 +24,8 @@ from dehyst.models.signals.rounding import quantum
 
 
 class Search:
-    """The candidates of one setup; with_lags: search for linear dynamics as well."""
+    """The candidates of one setup; with_lags: search for linear dynamics as well; drifts: the
+    displacement has drifted, so that the model needs a constant, that of the end."""
 
     def __init__(
         self,
@@ -32,7 +33,9 @@ class Search:
         wanted: Sequence[Shape],
         progress: Callable[[str], None],
         with_lags: bool = True,
+        drifts: bool = False,
     ) -> None:
+        self.drifts = drifts
         self.setup, self.wanted, self.progress = setup, list(wanted), progress
         self.with_lags = with_lags
         self.r = space_thresholds(TUNING.coarse, setup.span, setup.wide)
@@ -140,6 +143,24 @@ class Search:
             return True
         return pays(self._score_rival(static), rate)
 
+    def find_ramp(self, found: TriedStructure, period_s: float) -> float:
+        """Return the drift of one recording [displacement/s] by a straight line through the offsets
+        of the periods of its drive, fitted together with the candidate; 0 if it is not certain. A
+        fit without these offsets takes a part of the drift for hysteresis and curve."""
+        trial = DriftTrial(self.setup, self.picks, self.r, found, period_s)
+        count = trial.like.shifts.size + 1
+        if count < FEWEST_PERIODS:
+            return 0.0
+        params = trial.refine(trial.score(found.shape, self.setup.strengths[::2]))
+        offsets = self.setup.sign * np.concatenate([[0.0], params.shifts])
+        at = np.arange(count) - 0.5 * (count - 1)
+        slope = float(at @ offsets) / float(at @ at)
+        rest = offsets - offsets.mean() - slope * at
+        doubt = float(np.sqrt(rest @ rest / (count - 2) / (at @ at)))
+        (one,) = self.setup.rows
+        whole_s = float(one.t_s[-1] - one.t_s[0])
+        return slope * count / whole_s if abs(slope) > TUNING.certain * doubt else 0.0
+
     def outlasts_drift(
         self, found: TriedStructure, tried: Sequence[TriedStructure], period_s: float
     ) -> bool:
@@ -172,7 +193,7 @@ class Search:
     def _drop_constant(self, best: TriedStructure) -> TriedStructure:
         """Return the candidate without its constant if a de-energised stage shows none (Eq. 3 has
         none): a parameter that is absent should not be estimated."""
-        if not self.setup.virgin or 0 not in best.shape.powers:
+        if self.drifts or not self.setup.virgin or 0 not in best.shape.powers:
             return best
         shape = replace(best.shape, powers=tuple(p for p in best.shape.powers if p))
         trial = Trial(self.setup, self.picks, self.r, best.offset, best.lag, best.loose)
@@ -293,6 +314,8 @@ class DriftTrial(Trial):
         ]
 
 
+FEWEST_PERIODS = 6
+"""Least number of periods of which offsets show a straight drift, and not a chance."""
 MOST_PERIODS = 100
 """Largest number of periods with an offset of their own; of more, several share one. It fits into
 the eight bits that number the pieces."""

@@ -15,6 +15,7 @@ from tests.rigs.outside import (
     times,
 )
 
+from dehyst.models.cascade.simulate import simulate
 from dehyst.models.errors import BadRecording
 from dehyst.models.identify import identify
 
@@ -84,6 +85,23 @@ def test_a_drift_beside_a_drive_of_one_period_gives_no_dynamics(seed: int) -> No
     found = identify([beside_drift(seed, 0.0)])
     assert not found.shape.rate
     assert found.model.blocks == ()
+
+
+@pytest.mark.parametrize("seed", [0, 1, 7])
+def test_a_straight_drift_is_no_part_of_the_model(seed: int) -> None:
+    one = ordinary(seed)
+    size = float(np.ptp(one.displacement))
+    ramp = 0.03 * size * one.t_s / one.t_s[-1]
+    found = identify([type(one)(one.t_s, one.drive, one.displacement + ramp)])
+    (said,) = [note for note in found.notes if "drifts" in note]
+    assert float(said.split(" by ")[1].split()[0]) == pytest.approx(0.03 * size, rel=0.05)
+    known = ~np.isnan(one.drive)
+    t, u = one.t_s[known], one.drive[known]
+    clean = identify([one]).model
+    assert found.model.fit.band == pytest.approx(clean.fit.band, rel=0.25)
+    moved = simulate(found.model, t, u) - simulate(clean, t, u)
+    assert float(np.std(moved)) < 0.001 * size
+    assert float(np.mean(moved)) == pytest.approx(0.03 * size, rel=0.1)
 
 
 def test_the_held_out_error_is_that_of_the_model_with_the_offset_of_the_end() -> None:

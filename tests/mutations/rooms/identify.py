@@ -171,6 +171,20 @@ CHANGES += room(
         "held-out rows are said to be predicted better than the rows of the fit",
     ),
     Change(
+        "drift-in-the-fit",
+        RESULT,
+        "    if ramp := _find_ramp(chosen, drives):\n",
+        "    if ramp := 0.0:\n",
+        "a drift of the reading is taken for hysteresis and curve",
+    ),
+    Change(
+        "intervals-with-the-offset-of-the-end",
+        RESULT,
+        "        fitted.equations, fitted.shape, fitted.params, fitted.free, fitted.normal\n",
+        "        fitted.equations, fitted.shape, found.params, fitted.free, fitted.normal\n",
+        "after a drift the interval holds the drift, which the offset of the end has taken",
+    ),
+    Change(
         "one-offset-for-all-periods",
         "models/identify/search.py",
         "            lot._replace(group=other.piece.astype(np.int64))\n",
