@@ -8,7 +8,6 @@ monotone over the identified rate range.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -17,6 +16,7 @@ from dehyst.models.cascade.figures import describe
 from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
 from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
+from dehyst.models.identify.choice import make_choice, without_ramp
 from dehyst.models.identify.data.rows import Rows, read_rows
 from dehyst.models.identify.data.stretches import take_stretches
 from dehyst.models.identify.equations import Params, Shape
@@ -38,7 +38,7 @@ from dehyst.models.identify.plausibility.recordings import (
 from dehyst.models.identify.search import Search
 from dehyst.models.identify.setup import FitSetup, set_up
 from dehyst.models.identify.start import start_agrees
-from dehyst.models.identify.structure import TriedStructure, choose_structure, list_shapes
+from dehyst.models.identify.structure import TriedStructure, choose_structure
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import (
     estimate_noise,
@@ -49,12 +49,6 @@ from dehyst.models.identify.uncertainty import (
 from dehyst.models.model import Fit, Provenance, Validity
 from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats, Recording
-from dehyst.models.signals.drive_segments import (
-    DriveSegments,
-    find_drive_segments,
-    find_one_period,
-    repeats_one_loop,
-)
 from dehyst.models.signals.pace import measure_slowest_s
 from dehyst.models.signals.rounding import quantum
 from dehyst.models.units import spell_unit
@@ -166,29 +160,9 @@ class _Found:
 
 def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) -> _Found:
     """Choose the structure, remove outliers, and fit all rows."""
-    notes = list(setup.notes)
-    drives = _find_segments(setup.rows, setup.span)
-    one_rate = repeats_one_loop(drives)
-    chosen = _choose(setup, options, progress, one_rate)
-    if ramp := _find_ramp(chosen, drives):
-        chosen = _choose(
-            _without_ramp(chosen.setup, ramp), options, progress, one_rate, True, chosen.notes
-        )
-    period_s = None if one_rate else find_one_period(drives)
-    dynamic = chosen.best.lag is not None or (chosen.best.shape.rate and options.rate is None)
-    outlasts = period_s is None or not dynamic or chosen.outlasts_drift(period_s)
-    if not outlasts:
-        one_rate = True
-        chosen = _choose(chosen.setup, options, progress, one_rate, bool(ramp), chosen.notes)
-    if one_rate:
-        notes.append(
-            f"{'one loop at one rate' if outlasts else 'one rate, with drift or creep'}: "
-            "lag, delay, resonance and rate-dependence cannot be "
-            "distinguished from the hysteresis, and the model is static; a second "
-            "recording at another rate, or one with an edge, identifies it"
-        )
+    chosen = make_choice(setup, options, progress)
     setup, search, tried, best = chosen.setup, chosen.search, chosen.tried, chosen.best
-    notes += chosen.notes
+    notes = [*setup.notes, *chosen.notes]
     require_following(setup, best.held_rms)
     others: list[TriedStructure] = tried  # after a curve has turned over, no other is tried
     while True:
@@ -209,7 +183,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
             if c.shape.rate == shape.rate and len(c.shape.powers) < len(shape.powers)
         ]
         if not fewer:  # the user fixed the saturation: use a straight line instead
-            fewer = Search(setup, [Shape(shape.rate, (0,))], progress, not one_rate).run()
+            fewer = Search(setup, [Shape(shape.rate, (0,))], progress, not chosen.static).run()
         best = choose_structure(fewer)
     if fitted.costly:
         notes.append(
@@ -221,78 +195,10 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     if best.lag is not None and best.lag in search.untold:
         notes.append(best.lag.doubt)
     flat = setup
-    if ramp:  # the fit is done: errors are those of the readings as they are
-        setup, own = (_without_ramp(one, -ramp) for one in (setup, fitted.setup))
+    if chosen.ramp:  # the fit is done: errors are those of the readings as they are
+        setup, own = (without_ramp(one, -chosen.ramp) for one in (setup, fitted.setup))
         fitted = replace(fitted, setup=own)
     return _Found(setup, flat, best, search.r, fitted, tried, notes)
-
-
-class _Chosen(NamedTuple):
-    """The chosen structure, with the rows that remained. notes: what was left out."""
-
-    setup: FitSetup
-    search: Search
-    tried: list[TriedStructure]
-    best: TriedStructure
-    notes: list[str]
-
-    def outlasts_drift(self, period_s: float) -> bool:
-        """Return whether the chosen dynamics predict beside a drift too."""
-        return self.search.outlasts_drift(self.best, self.tried, period_s)
-
-
-def _choose(
-    setup: FitSetup,
-    options: Options,
-    progress: Callable[[str], None],
-    one_rate: bool,
-    drifts: bool = False,
-    known: Sequence[str] = (),
-) -> _Chosen:
-    """Choose the structure, again without the outliers that it shows. one_rate: the recordings
-    cannot show dynamics; drifts: a drift was subtracted; known: notes on what was left out
-    before."""
-    notes = list(known)
-    wanted = list_shapes(options.rate, options.saturation, options.bias)
-    if setup.rate_max <= 0.0 or (one_rate and options.rate is None):
-        wanted = [s for s in wanted if not s.rate]
-    for left in range(TUNING.rounds, -1, -1):
-        search = Search(setup, wanted, progress, not one_rate, drifts)
-        tried = search.run()
-        best = search.choose(tried)
-        errors = setup.residuals(search.r, best.shape, best.params, best.offset, best.lag)
-        fewer, count = setup.without_outliers(errors) if left else (setup, 0)
-        if not count:
-            break
-        notes.append(f"{count} lone displacement values far off their neighbours were left out")
-        setup = fewer
-        if count <= 1e-3 * errors[0].size:
-            break
-    return _Chosen(setup, search, tried, best, notes)
-
-
-def _find_ramp(chosen: _Chosen, drives: Sequence[DriveSegments]) -> float:
-    """Return the straight drift of a single recording [displacement/s], 0 if it shows none. With
-    several recordings, each has its own offset."""
-    durations = np.concatenate([one.durations for one in drives])
-    if len(drives) != 1 or not durations.size or 0 not in chosen.best.shape.powers:
-        return 0.0
-    return chosen.search.find_ramp(chosen.best, 2.0 * float(np.median(durations)))
-
-
-def _without_ramp(setup: FitSetup, ramp: float) -> FitSetup:
-    """Return the setup with a straight line [displacement/s] from its start on subtracted from the
-    displacement: the start is that of a stage at rest."""
-    rows = [replace(one, y=one.y - ramp * (one.t_s - one.t_s[0])) for one in setup.rows]
-    return replace(setup, rows=rows)
-
-
-def _find_segments(rows: Sequence[Rows], span: float) -> list[DriveSegments]:
-    """Return the segments of each recording's drive."""
-    known = [~np.isnan(one.u) for one in rows]
-    return [
-        find_drive_segments(one.t_s[k], one.u[k], span) for one, k in zip(rows, known, strict=True)
-    ]
 
 
 def _left(best: TriedStructure, fitted: Fitted, picks: Sequence[Bools]) -> float:

@@ -5,6 +5,7 @@ from tests.mutations.change import Change, room
 UNCERTAINTY = "models/identify/uncertainty.py"
 RESULT = "models/identify/identification.py"
 LAGS, START = "models/identify/lags.py", "models/identify/start.py"
+CHOICE = "models/identify/choice.py"
 TUNING, COUPLING = "models/identify/tuning.py", "models/identify/coupling.py"
 BAND, VALIDATION = "models/identify/band.py", "models/identify/validation.py"
 
@@ -144,15 +145,15 @@ CHANGES += room(
     ),
     Change(
         "dynamics-from-one-loop",
-        RESULT,
-        "    one_rate = repeats_one_loop(drives)\n",
-        "    one_rate = False\n",
+        CHOICE,
+        "    found = _choose(setup, options, progress, repeats_one_loop(drives))\n",
+        "    found = _choose(setup, options, progress, False)\n",
         "a lag is reported that another rate refutes",
     ),
     Change(
         "dynamics-from-a-drift",
-        RESULT,
-        "    outlasts = period_s is None or not dynamic or chosen.outlasts_drift(period_s)\n",
+        CHOICE,
+        "    outlasts = period_s is None or not dynamic or found.outlasts_drift(period_s)\n",
         "    outlasts = True\n",
         "a drift beside loops of several sizes is reported as a lag",
     ),
@@ -172,8 +173,8 @@ CHANGES += room(
     ),
     Change(
         "drift-in-the-fit",
-        RESULT,
-        "    if ramp := _find_ramp(chosen, drives):\n",
+        CHOICE,
+        "    if ramp := _find_ramp(found, drives):\n",
         "    if ramp := 0.0:\n",
         "a drift of the reading is taken for hysteresis and curve",
     ),
