@@ -255,3 +255,13 @@ def test_a_trial_too_short_to_have_that_second_gets_no_close_look() -> None:
         x[keep] for x in (story.t_s, story.target, story.measured)
     )
     assert len(list_close_looks(story)) == 2
+
+
+def test_a_phase_in_which_another_pattern_was_played_gets_no_close_look() -> None:
+    story = pattern_story()
+    other = np.where(story.t_s < 20.0, 30.0, 0.0)
+    story.target, story.measured = story.target + other, story.measured + other
+    said = [draw(Figure().subplots()) for draw in list_close_looks(story)]
+    assert [words.split(":")[0] for words in said] == [
+        "One second, with the effect", "One second, after",
+    ]  # fmt: skip

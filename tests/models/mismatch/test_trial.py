@@ -117,6 +117,7 @@ NAN = math.nan
         (Errors(0.3, 0.3, 10), Errors(0.05, 0.02, 10, other=0.025), "goes"),
         # other motion says nothing about tracking; without preview the error need not fall
         (Errors(0.3, 0.3, 10, steps=0.01), Errors(0.03, 0.9, 10, steps=0.1), "stays"),
+        (Errors(0.3, 0.3, 10, steps=0.01), Errors(0.03, 4.0, 10, steps=0.1), "stays"),
         (Errors(0.3, 0.3, 10, steps=0.06), Errors(0.03, 0.9, 10, steps=0.1), "goes"),
         (Errors(0.3, 0.3, 10), Errors(0.03, 0.28, 10, without=1.0), "stays"),
         (Errors(0.3, 0.3, 10), Errors(0.03, 0.5, 10, without=1.0), "goes"),
