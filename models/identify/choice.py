@@ -44,13 +44,15 @@ def make_choice(setup: FitSetup, options: Options, progress: Callable[[str], Non
     drives = _find_segments(setup.rows, setup.span)
     found = _choose(setup, options, progress, repeats_one_loop(drives))
     if ramp := _find_ramp(found, drives):
-        flat = without_ramp(found.setup, ramp)
-        found = _choose(flat, options, progress, found.static, ramp, found.notes)
+        rest = without_ramp(found.setup, ramp)
+        flat = _choose(rest, options, progress, found.static, ramp, found.notes)
+        if flat.best.held_rms**2 < (1.0 - TUNING.minor) * found.best.held_rms**2:
+            found = flat
     period_s = None if found.static else find_one_period(drives)
     dynamic = found.best.lag is not None or (found.best.shape.rate and options.rate is None)
     outlasts = period_s is None or not dynamic or found.outlasts_drift(period_s)
     if not outlasts:
-        found = _choose(found.setup, options, progress, True, ramp, found.notes)
+        found = _choose(found.setup, options, progress, True, found.ramp, found.notes)
     if found.static:
         found.notes.append(
             f"{'one loop at one rate' if outlasts else 'one rate, with drift or creep'}: lag, "

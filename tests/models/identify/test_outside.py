@@ -104,6 +104,17 @@ def test_a_straight_drift_is_no_part_of_the_model(seed: int) -> None:
     assert float(np.mean(moved)) == pytest.approx(0.03 * size, rel=0.1)
 
 
+@pytest.mark.parametrize("wiggle", [4.0, 8.0, 15.0])
+def test_a_slow_scan_with_a_fast_wiggle_is_no_drift(wiggle: float) -> None:
+    """The offsets of the wiggle's periods run with the scan."""
+    t = times(20.0)
+    u = 100.0 * (1.0 - np.abs(t / 10.0 - 1.0)) + wiggle * np.sin(2 * np.pi * 2.0 * t)
+    one = type(linear())(t, u, noisy(stage(u, 3), 3), name="scan.csv")
+    found = identify([one])
+    assert not any("drifts" in note for note in found.notes)
+    assert found.model.fit.rms < 1.5 * found.noise_rms
+
+
 def test_the_held_out_error_is_that_of_the_model_with_the_offset_of_the_end() -> None:
     one = ordinary(0)
     ramp = 0.05 * np.ptp(one.displacement) * one.t_s / one.t_s[-1]

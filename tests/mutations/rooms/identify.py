@@ -179,6 +179,13 @@ CHANGES += room(
         "a drift of the reading is taken for hysteresis and curve",
     ),
     Change(
+        "drift-that-predicts-nothing",
+        CHOICE,
+        "        if flat.best.held_rms**2 < (1.0 - TUNING.minor) * found.best.held_rms**2:\n",
+        "        if True:\n",
+        "a slow scan is taken for a drift, and an ordinary recording is refused",
+    ),
+    Change(
         "intervals-with-the-offset-of-the-end",
         RESULT,
         "        fitted.equations, fitted.shape, fitted.params, fitted.free, fitted.normal\n",
