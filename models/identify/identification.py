@@ -42,6 +42,7 @@ from dehyst.models.identify.structure import TriedStructure, choose_structure
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import (
     estimate_noise,
+    fit_trend,
     leave_stretches_out,
     measure_band_hz,
     move_saturation,
@@ -220,10 +221,7 @@ def _follow_drift(found: _Found) -> _Found:
         return found
     (error,), (pick,) = found.residuals(), found.setup.picks
     means = np.array([part.mean() for part in np.array_split(error[pick], TUNING.parts)])
-    at = np.arange(means.size) - 0.5 * (means.size - 1)
-    slope = float(at @ means) / float(at @ at)
-    rest = means - means.mean() - slope * at
-    doubt = float(np.sqrt(rest @ rest / (means.size - 2) / (at @ at)))
+    slope, doubt = fit_trend(means)
     if abs(slope) <= TUNING.certain * doubt:
         return found
     found.notes.append(

@@ -5,11 +5,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dehyst.models.identify.data.outliers import thin
 from dehyst.models.identify.data.rows import Rows
-from dehyst.models.identify.equations import Equations, Shape
+from dehyst.models.identify.equations import Equations, Ints, Shape
 from dehyst.models.identify.evidence import ProbableStructure, maximise_evidence
 from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.lags import LagSearch
@@ -17,7 +16,7 @@ from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Trial, TriedStructure, choose_structure, pays, shows
 from dehyst.models.identify.thresholds import space_thresholds
 from dehyst.models.identify.tuning import TUNING
-from dehyst.models.identify.uncertainty import estimate_noise
+from dehyst.models.identify.uncertainty import estimate_noise, fit_trend
 from dehyst.models.physics.dynamics import LEAD, Dynamics
 from dehyst.models.recording import Bools, Floats
 from dehyst.models.signals.rounding import quantum
@@ -153,10 +152,7 @@ class Search:
             return 0.0
         params = trial.refine(trial.score(found.shape, self.setup.strengths[::2]))
         offsets = self.setup.sign * np.concatenate([[0.0], params.shifts])
-        at = np.arange(count) - 0.5 * (count - 1)
-        slope = float(at @ offsets) / float(at @ at)
-        rest = offsets - offsets.mean() - slope * at
-        doubt = float(np.sqrt(rest @ rest / (count - 2) / (at @ at)))
+        slope, doubt = fit_trend(offsets)
         (one,) = self.setup.rows
         whole_s = float(one.t_s[-1] - one.t_s[0])
         return slope * count / whole_s if abs(slope) > TUNING.certain * doubt else 0.0
@@ -306,25 +302,23 @@ class DriftTrial(Trial):
     def gather(self, picks: Sequence[Bools]) -> list[Equations]:
         """Return the equations of the picked rows, with the number of the period in place of that
         of the recording."""
-        rows = [
-            replace(one, piece=number)
-            for one, number in zip(self.setup.rows, self.periods, strict=True)
+        lots = super().gather(picks)
+        used = [
+            number[pick & ~np.isnan(one.u)]
+            for one, pick, number in zip(self.setup.rows, picks, self.periods, strict=True)
         ]
-        numbered = replace(self.setup, rows=rows).equations(picks, self.r, self.offset, self.lag)
-        return [
-            lot._replace(group=other.piece.astype(np.int64))
-            for lot, other in zip(super().gather(picks), numbered, strict=True)
-        ]
+        ends = np.cumsum([lot.y.size for lot in lots])[:-1]
+        numbers = np.split(np.concatenate(used), ends)
+        return [lot._replace(group=at) for lot, at in zip(lots, numbers, strict=True)]
 
 
 FEWEST_PERIODS = 6
 """Least number of periods of which offsets show a straight drift, and not a chance."""
 MOST_PERIODS = 100
-"""Largest number of periods with an offset of their own; of more, several share one. It fits into
-the eight bits that number the pieces."""
+"""Largest number of offsets: of more periods, several share one."""
 
 
-def _number_periods(rows: Sequence[Rows], period_s: float) -> tuple[list[NDArray[np.int8]], int]:
+def _number_periods(rows: Sequence[Rows], period_s: float) -> tuple[list[Ints], int]:
     """Return the number of its period for each row of each recording, and the count of all."""
     whole = sum(float(one.t_s[-1] - one.t_s[0]) for one in rows)
     long_s = max(period_s, whole / (MOST_PERIODS - len(rows)))
@@ -332,6 +326,6 @@ def _number_periods(rows: Sequence[Rows], period_s: float) -> tuple[list[NDArray
     for one in rows:
         count = max(1, int((one.t_s[-1] - one.t_s[0]) / long_s))
         at = (one.t_s - one.t_s[0]) / max(one.t_s[-1] - one.t_s[0], 1e-300) * count
-        numbers.append((begun + np.minimum(at, count - 1)).astype(np.int8))
+        numbers.append((begun + np.minimum(at, count - 1)).astype(np.int64))
         begun += count
     return numbers, begun

@@ -28,6 +28,15 @@ OUTLYING = 6.0
 """Standard deviations of the noise beyond which a difference belongs to an outlier."""
 
 
+def fit_trend(values: Floats) -> tuple[float, float]:
+    """Return the slope of a straight line through values (N,), per value, and its standard
+    error."""
+    at = np.arange(values.size) - 0.5 * (values.size - 1)
+    slope = float(at @ values) / float(at @ at)
+    rest = values - values.mean() - slope * at
+    return slope, float(np.sqrt(rest @ rest / (values.size - 2) / (at @ at)))
+
+
 def estimate_noise(residual: Floats, step: float = 0.0) -> float:
     """Return the rms of the part of a residual that changes from sample to sample (white noise: all
     of it).

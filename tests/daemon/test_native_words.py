@@ -1,8 +1,8 @@
 """What users read uses the terms of the field: words that were used in their place are banned.
 
-Checked are README, docs, the help of every command, the texts of messages, reports, set-up and
-physics, and the files that come with them: examples, units, the page. Docstrings and comments
-inside the code are not checked.
+Checked are README, change log, docs, the help of every command, the texts of messages, reports,
+set-up and physics, and the files that come with them: examples, units, the page. Docstrings and
+comments inside the code are not checked.
 """
 
 import argparse
@@ -64,7 +64,7 @@ def prose(path: Path) -> str:
     return re.sub(r"`[^`\n]*`", "", text)
 
 
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if p.name not in WRITTEN], ids=lambda p: p.name)

@@ -86,17 +86,15 @@ def lags(bars: Bars, number: int) -> None:
 
 
 def drifting(bars: Bars, number: int) -> None:
-    """Drives of one period and several sizes, beside drift, creep and steps."""
+    """Drives of one period and several sizes, with drift, creep and steps."""
     given = named = 0
     for seed in range(number):
         still = found_in([beside_drift(seed, 0.0)], f"drift {seed}")
         given += still is None or still.shape.rate or bool(still.model.blocks)
-        late = found_in([beside_drift(seed, 0.02)], f"lag beside drift {seed}")
+        late = found_in([beside_drift(seed, 0.02)], f"lag and drift {seed}")
         named += late is not None and (late.shape.rate or bool(late.model.blocks))
-    bars.none(f"given dynamics or refused of {number} of one period beside a drift", given)
-    bars.least(
-        f"of {number} with a lag beside a drift, given dynamics", named, LEAST_BESIDE * number
-    )
+    bars.none(f"given dynamics or refused of {number} of one period with a drift", given)
+    bars.least(f"of {number} with a lag and a drift, given dynamics", named, LEAST_BESIDE * number)
 
 
 PARTS = {

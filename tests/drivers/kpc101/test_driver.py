@@ -65,6 +65,15 @@ class Rig:
 Make = Callable[..., Rig]
 
 
+def both_roles(rig: Rig) -> tuple[Kpc101, Kpc101Sensor]:
+    """Return the opened output and gauge of one unit."""
+    output = Kpc101.from_settings(rig.settings())
+    gauge = Kpc101Sensor.from_settings(rig.settings())
+    output.open()
+    gauge.open()
+    return output, gauge
+
+
 @pytest.fixture
 def make(tmp_path: Path) -> Iterator[Make]:
     made: list[Rig] = []
@@ -171,10 +180,7 @@ def test_each_channel_of_a_rack_is_its_own(make: Make) -> None:
 
 def test_one_role_that_finds_the_unit_gone_does_not_stop_the_other(make: Make) -> None:
     rig = make()
-    output = Kpc101.from_settings(rig.settings())
-    gauge = Kpc101Sensor.from_settings(rig.settings())
-    output.open()
-    gauge.open()
+    output, gauge = both_roles(rig)
     output.write(30.0)
     rig.server.unplug()
     with pytest.raises(DriverError):
@@ -196,10 +202,7 @@ def test_one_role_that_finds_the_unit_gone_does_not_stop_the_other(make: Make) -
 def test_a_dead_port_is_closed_for_both_roles(make: Make) -> None:
     """A port that stays open keeps its name, and the unit comes back under another."""
     rig = make()
-    output = Kpc101.from_settings(rig.settings())
-    gauge = Kpc101Sensor.from_settings(rig.settings())
-    output.open()
-    gauge.open()
+    output, gauge = both_roles(rig)
     port = os.path.realpath(rig.server.port)
     assert holds(port)
     rig.server.unplug()

@@ -451,7 +451,7 @@ CHANGES = [
             "models/physics/clip.py",
             "REACHED = 0.002",
             "REACHED = 0.0",
-            "a limit is told at the end of the drive's range, where none is",
+            "a limit is reported at the end of the drive's range, where none is",
         ),
         Change(
             "limits-without-a-size",

@@ -155,14 +155,14 @@ CHANGES += room(
         CHOICE,
         "    outlasts = period_s is None or not dynamic or found.outlasts_drift(period_s)\n",
         "    outlasts = True\n",
-        "a drift beside loops of several sizes is reported as a lag",
+        "a drift under loops of several sizes is reported as a lag",
     ),
     Change(
         "longest-lag-of-the-edges",
         LAGS,
         "max(map(_find_mean_rate, setup.rows))",
         "max(setup.rate_max, 1e-300)",
-        "a lag behind a drive in steps is not found, as its edges are fast",
+        "a lag of a drive in steps is not found, as its edges are fast",
     ),
     Change(
         "held-out-of-another-model",
@@ -195,9 +195,9 @@ CHANGES += room(
     Change(
         "one-offset-for-all-periods",
         "models/identify/search.py",
-        "            lot._replace(group=other.piece.astype(np.int64))\n",
-        "            lot\n",
-        "a drift beside loops of several sizes is reported as a lag",
+        "lot._replace(group=at) for lot, at in",
+        "lot for lot, at in",
+        "a drift under loops of several sizes is reported as a lag",
     ),
     Change(
         "jitter-of-a-wrong-structure",
