@@ -39,8 +39,11 @@ THOROUGH = (
     "daemon/commands/test_excite.py", "daemon/commands/test_validate.py",
     "daemon/loop/test_random_life.py", "daemon/doctor/test_examination.py",
     "daemon/setup/test_moving.py", "daemon/report/test_every_picture.py", "daemon/paper",
-    "daemon/imaging", "daemon/benchmark/test_bench.py",
-    "models/cascade/test_reach.py",
+    "daemon/imaging", "daemon/benchmark", "daemon/doctor/test_story.py",
+    "daemon/doctor/test_ends.py", "daemon/api/test_functions.py",
+    "daemon/acquire/test_outputs.py", "daemon/files/test_recorder.py",
+    "daemon/commands/test_other_files.py", "models/learning/test_trim.py",
+    "models/cascade/test_reach.py", "benchmarks/models/test_proof.py",
 )  # fmt: skip
 """Folders and files of the tests in `thorough`."""
 LONGEST = (

@@ -3,12 +3,13 @@
 from pathlib import Path
 from typing import Any
 
+from dehyst.daemon.report.choice import explain_choice
 from dehyst.daemon.report.verdict import verdict
 from dehyst.models.drive_design.coverage import Coverage
 from dehyst.models.identify import Identification, describe
 from dehyst.models.model import Block
 from dehyst.models.physics import KINDS
-from dehyst.models.units import spell_unit
+from dehyst.models.units import spell_size, spell_unit
 
 Z95 = 1.96  # standard deviations of a 95 % interval
 NEXT = (
@@ -46,6 +47,7 @@ def summary(
         "recordings": [
             {"name": one.name, "rms": one.rms, "noise_rms": one.noise} for one in result.recordings
         ],
+        "choice": explain_choice(result),
         "blocks": [block_name(block) for block in result.model.blocks],
         "validity": {
             "drive_min": v.drive_min,
@@ -76,11 +78,15 @@ def summary(
 
 
 def block_name(block: Block) -> str:
-    """Describe a block in words."""
-    numbers = ", ".join(
-        f"{key} {value:.4g}" for key, value in block.params.items() if key != "share"
-    )
-    return f"{KINDS[block.kind].says} at the {block.place} ({numbers})"
+    """Describe a block in words, with its parameters in their units."""
+    params = KINDS[block.kind].params
+    numbers = [
+        f"{one.name.replace('_', ' ')} {spell_size(float(value), one.unit or '1')}"
+        for one in params
+        for key, value in block.params.items()
+        if one.matches(key) and key != "share" and not isinstance(value, tuple)
+    ]
+    return f"{KINDS[block.kind].says} at the {block.place} ({', '.join(numbers)})"
 
 
 def list_intervals(result: Identification) -> dict[str, Any]:
@@ -136,7 +142,8 @@ def describe_result(
     result: Identification, covered: Coverage, output: Path, report: Path | None
 ) -> str:
     """Return the result as text."""
-    fit, unit, v = result.model.fit, result.model.displacement_unit, result.model.validity
+    fit, v = result.model.fit, result.model.validity
+    unit = spell_unit(result.model.displacement_unit)
     drive = spell_unit(result.model.drive_unit)
     n = result.model.hysteresis.n
     lines = [describe(result.model).sentence()]

@@ -74,6 +74,7 @@ def _summary(model: str, v: Validation) -> dict[str, Any]:
         "offset": v.offset,
         "noise_rms": v.noise,
         "claim_rms": v.claim,
+        "gauge_noise_not_counted_rms": v.noisier,
         "worse_than_claimed": v.worse,
         "white": v.white,
         "correlation_with_drive": v.tied_to_drive,

@@ -8,6 +8,7 @@ import numpy as np
 from dehyst import __version__
 from dehyst.daemon.report import coverage as covers
 from dehyst.daemon.report import identification_pictures as pictures
+from dehyst.daemon.report.choice import explain_choice, is_same
 from dehyst.daemon.report.page import Page
 from dehyst.daemon.report.verdict import verdict
 from dehyst.models.drive_design.coverage import Coverage
@@ -41,13 +42,13 @@ def report_identification(
     result: Identification, recordings: Sequence[Recording], covered: Coverage, model_name: str
 ) -> str:
     """Return the whole page as HTML text."""
+    unit = spell_unit(result.model.displacement_unit)
     out = Page(f"Identification of {model_name}")
     out.add_text(f"From {', '.join(r.name for r in recordings)}, by dehyst {__version__}.", "soft")
     out.add_text(describe(result.model).sentence(), "lead")
     out.add_bullets(
         [
-            f"{one.name}: error {one.rms:.4g} {result.model.displacement_unit} rms, "
-            f"noise {one.noise:.4g}"
+            f"{one.name}: error {one.rms:.4g} {unit} rms, noise {one.noise:.4g}"
             for one in result.recordings
         ]
     )
@@ -67,14 +68,15 @@ def report_identification(
     )
     out.add_heading("Structure")
     out.add_text(
-        "Chosen by prediction of held-out stretches of the drive: the simplest structure that no "
-        "richer one beats by more than chance. The number of operators and the smoothness of "
-        "their slopes are chosen by the same held-out stretches.",
+        "The simplest structure that no richer one beats in prediction by more than chance is "
+        "chosen; the number of operators and the smoothness of their slopes by the same stretches.",
         "soft",
     )
-    if result.orders:
-        out.add_pictures(partial(pictures.draw_orders, result))
-    _structures(out, result)
+    out.add_text(explain_choice(result))
+    orders = [partial(pictures.draw_orders, result)] if result.orders else []
+    out.add_pictures(partial(pictures.draw_structures, result), *orders)
+    with out.fold(f"All {len(result.tried)} structures that were tried"):
+        _structures(out, result)
     out.add_heading("Parameters")
     out.add_text(ABOUT_PARAMETERS, "soft")
     out.add_pictures(partial(pictures.draw_slopes, result))
@@ -88,7 +90,7 @@ def report_identification(
 
 
 def _figures(out: Page, result: Identification, recordings: Sequence[Recording]) -> None:
-    fit, unit = result.model.fit, result.model.displacement_unit
+    fit, unit = result.model.fit, spell_unit(result.model.displacement_unit)
     span = max(
         float(np.nanmax(r.displacement) - np.nanmin(r.displacement))
         for r in recordings
@@ -127,12 +129,10 @@ def _notes(out: Page, result: Identification, covered: Coverage) -> None:
 
 
 def _structures(out: Page, result: Identification) -> None:
-    unit, drive_unit = result.model.displacement_unit, spell_unit(result.model.drive_unit)
+    unit, drive_unit = map(spell_unit, (result.model.displacement_unit, result.model.drive_unit))
     rows, chosen = [], None
     for i, c in enumerate(result.tried):
-        blocks = () if c.lag is None else (c.lag.block,)
-        same = c.shape == result.shape and blocks == result.model.blocks
-        if same and c.offset == result.model.hysteresis.u_offset:
+        if is_same(c, result.chosen):
             chosen = i
         held, invertible = f"{c.held_rms:.4g}", "yes" if c.invertible else "no"
         lag = "none" if c.lag is None else c.lag.name

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from dehyst.daemon.report.choice import name_kind
 from dehyst.daemon.report.plotting import (
     DOWN,
     MEASURED,
@@ -152,6 +153,32 @@ def draw_orders(result: Identification, axes: Axes) -> str:
         title=f"held out, by number of operators (chosen: {chosen})",
     )
     return f"Held-out error by the number of operators; {chosen} were chosen."
+
+
+def draw_structures(result: Identification, axes: Axes) -> str:
+    """Draw the held-out error of the best structure of each kind."""
+    bests = {}
+    for one in sorted(result.tried, key=lambda c: -c.held_rms):
+        bests[name_kind(one)] = one
+    own = name_kind(result.chosen)
+    bests[own] = result.chosen
+    kinds = sorted(bests, key=lambda kind: -bests[kind].held_rms)
+    held = np.array([bests[kind].held_rms for kind in kinds])
+    scale, unit = pick_unit(result.model.displacement_unit, float(held.min()))
+    colors = [MODEL if kind == own else UNUSED for kind in kinds]
+    axes.barh(np.arange(held.size), held * scale, color=colors, height=0.7)
+    for place, value in enumerate(held * scale):
+        axes.annotate(f"{value:.3g}", (value, place), (3, 0), textcoords="offset points",
+                      va="center", fontsize=8)  # fmt: skip
+    axes.axvline(result.noise_rms * scale, color=NOISE, lw=2, alpha=0.7, label="noise")
+    axes.set_yticks(np.arange(held.size), kinds, fontsize=8.5)
+    far = 1.15 * float(np.max(held, initial=result.noise_rms)) * scale
+    if np.isfinite(far) and far > 0.0:
+        axes.set_xlim(0.0, far)
+    axes.grid(False, axis="y")
+    axes.set(xlabel=f"rms, {unit}", title="held out, by structure (chosen in blue)")
+    axes.legend(loc="upper right")
+    return f"Held-out error of the best structure of each kind; chosen: {own}."
 
 
 def draw_slopes(result: Identification, axes: Axes) -> str:

@@ -39,6 +39,7 @@ td,th{padding:.25em 1em .25em 0;text-align:left;vertical-align:top;
  border-bottom:1px solid var(--line)}
 td+td{white-space:nowrap}td:first-child{min-width:8em}
 .chosen{font-weight:bold}
+summary{cursor:pointer;color:var(--mark)}
 .pictures{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,28em),1fr));
  gap:.8em;margin:.8em 0}
 img{width:100%;max-width:44em;height:auto;display:block}
@@ -141,6 +142,13 @@ class Page:
         self._parts.append('<div class="box warn">' if warn else '<div class="box">')
         yield
         self._parts.append("</div>")
+
+    @contextmanager
+    def fold(self, title: str) -> Iterator[None]:
+        """Hide everything added inside until the reader opens it by its title."""
+        self._parts.append(f"<details><summary>{escape(title)}</summary>")
+        yield
+        self._parts.append("</details>")
 
     def to_html(self) -> str:
         """Return the whole page."""

@@ -18,18 +18,20 @@ from dehyst.daemon.report.plotting import (
 )
 from dehyst.models.identify.validation import CLAIM, Validation
 from dehyst.models.recording import Recording
+from dehyst.models.units import spell_unit
 
 
 def say_validation(model: str, v: Validation) -> str:
     """State in one line how well a model predicts a recording, and add notes on rows outside its
     validity and on late samples."""
+    unit = spell_unit(v.unit)
     claim = "no claim to compare" if v.claim is None else f"it claims {v.claim:.4g}"
     noise = f"{v.noise:.4g}" if math.isfinite(v.noise) else "not known"
     verdict = "WORSE than it claims" if v.worse else "as good as it claims"
     text = (
-        f"{model} on {v.name}: {v.rms:.4g} {v.unit} rms, {say_share(v)}, {claim}"
+        f"{model} on {v.name}: {v.rms:.4g} {unit} rms, {say_share(v)}, {claim}"
         + (f": {verdict}" if v.claim is not None else "")
-        + f"; offset {v.offset:.4g}, noise {noise}; what is left is "
+        + f"; offset {v.offset:.4g} {unit}, noise {noise}; what is left is "
         + ("white" if v.white else "not white")
         + f", correlation with the drive {v.tied_to_drive:.2g} (chance {v.chance:.2g})"
         + say_within(v)
@@ -41,10 +43,11 @@ def say_validation(model: str, v: Validation) -> str:
             f"\nnote: {v.unstated:.1%} of the rows have no 95 % band: the drive leaves the model's "
             "validity or is slower than in its recordings; record such a drive"
         )
+    left = math.sqrt(max(0.0, v.rms**2 - v.noisier**2))
     if v.claim is not None and v.rms > CLAIM * v.claim and not v.worse:
         text += (
             f"\nnote: the gauge is noisier than that of the model's recordings: {v.noisier:.3g} "
-            f"{v.unit} rms of its noise are not counted as error"
+            f"{unit} rms of its noise are not counted as error, which leaves {left:.3g}"
         )
     if v.late:
         text += f"\nnote: {v.late} rows at late samples are not judged"

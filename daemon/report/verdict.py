@@ -4,13 +4,14 @@ import math
 
 from dehyst.models.diagnosis.tuning import TUNING as DIAGNOSIS
 from dehyst.models.identify import Identification
+from dehyst.models.units import spell_unit
 
 AT_NOISE = 1.1  # residual over noise
 
 
 def verdict(result: Identification) -> str:
     """State whether the residual has reached the noise, and what to do if it has not."""
-    fit, unit = result.model.fit, result.model.displacement_unit
+    fit, unit = result.model.fit, spell_unit(result.model.displacement_unit)
     rms, noise = fit.rms or 0.0, result.noise_rms
     if not math.isfinite(noise) or noise <= 0.0:
         return (

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import detrend
 from threadpoolctl import threadpool_limits
 
 from dehyst.models.cascade.figures import describe
@@ -104,7 +105,7 @@ def _identify(
     late = not agreed
     if late:
         found.notes.append("the start does not fit a de-energised stage; it was left out")
-    found = _follow_drift(found)
+    found = _follow_drift(found, first.displacement_unit)
     residuals, picks = found.residuals(), found.setup.picks
     if len(rows) > 1 and (doubt := _require_one_stage(found, residuals, recordings, options)):
         found.notes.append(doubt)
@@ -133,6 +134,7 @@ class _Found:
     fitted: Fitted
     tried: list[TriedStructure]
     notes: list[str]
+    static_because: str = ""
     drifted: float = 0.0
     """Mean of the residuals at the end of a recording that drifts: added to the model's offset."""
 
@@ -199,7 +201,8 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     if chosen.ramp:  # the fit is done: errors are those of the readings as they are
         setup, own = (without_ramp(one, -chosen.ramp) for one in (setup, fitted.setup))
         fitted = replace(fitted, setup=own)
-    return _Found(setup, flat, best, search.r, fitted, tried, notes)
+    because = chosen.search.static_because
+    return _Found(setup, flat, best, search.r, fitted, tried, notes, because)
 
 
 def _left(best: TriedStructure, fitted: Fitted, picks: Sequence[Bools]) -> float:
@@ -210,7 +213,7 @@ def _left(best: TriedStructure, fitted: Fitted, picks: Sequence[Bools]) -> float
     return float(np.sqrt(np.mean(np.concatenate(each) ** 2)))
 
 
-def _follow_drift(found: _Found) -> _Found:
+def _follow_drift(found: _Found, unit: str) -> _Found:
     """Return the model with the offset that the stage had at the end of its recording, if it
     drifts.
 
@@ -225,8 +228,9 @@ def _follow_drift(found: _Found) -> _Found:
     if abs(slope) <= TUNING.certain * doubt:
         return found
     found.notes.append(
-        f"the displacement drifts, by {slope * means.size:+.3g} over the recording, by a straight "
-        "line; the model's offset is that of the end"
+        f"the displacement drifts, by {slope * means.size:+.3g} {spell_unit(unit)} over the "
+        "recording, along a straight line; the model's offset is that of the end, and the stated "
+        "interval does not include the drift"
     )
     return replace(found, drifted=float(means[-2:].mean()))
 
@@ -274,7 +278,11 @@ def _result(
     left = float(np.sqrt(power / size))
     rivals = [c for c in found.tried if is_rival(found.best, c)]
     spread = measure_spread(found.flat, found.coarse, found.best, rivals)
-    band = estimate_band(setup, fitted, found.offset, jackknife, (spread, noise))
+    own = np.concatenate([e[p] for e, p in zip(residuals, picks, strict=True)])
+    if found.drifted:  # the interval holds next to a drift, which has a note of its own
+        own = detrend(own)
+    known = (spread, noise, float(np.quantile(np.abs(own), 0.95)))
+    band = estimate_band(setup, fitted, found.offset, jackknife, known)
     model = setup.model(fitted.r, fitted.shape, found.params, found.offset, found.lag)
     rates = setup.rates(fitted.r) if fitted.shape.rate else 0.0
     if setup.limits is not None and not is_invertible(
@@ -322,6 +330,8 @@ def _result(
             RecordingResidual(one.name, rms(e[p]), noise_of_one)
             for one, e, p, noise_of_one in zip(setup.rows, residuals, picks, noises, strict=True)
         ),
+        chosen=found.best,
+        static_because=found.static_because,
         notes=(
             *note_slow_times(setup.rows),
             *(n for one in setup.rows for n in one.notes),

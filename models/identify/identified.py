@@ -48,8 +48,9 @@ class Identification:
     residuals: one (N,) array per recording, y - model, NaN where unknown; used: (N,) rows that were
     fitted; shape: the structure; params, errors: packed parameters and their standard
     errors (0: on the bound); rates: (n,) rates at which the slopes are given and up to which they
-    are positive; tried, orders: candidates that hold-out compared; couplings: from other axes,
-    which the model contains as blocks; notes: remarks for the user.
+    are positive; tried, orders: candidates that hold-out compared; chosen: the one that was fitted
+    to all rows; static_because: why rate-dependence was tried and not chosen, or empty; couplings:
+    from other axes, which the model contains as blocks; notes: remarks for the user.
     """
 
     model: Model
@@ -64,5 +65,7 @@ class Identification:
     orders: tuple[tuple[int, float], ...]
     noise_rms: float
     recordings: tuple[RecordingResidual, ...]
+    chosen: TriedStructure
+    static_because: str = ""
     couplings: tuple[Coupled, ...] = ()
     notes: tuple[str, ...] = field(default_factory=tuple)

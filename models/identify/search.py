@@ -40,6 +40,7 @@ class Search:
         self.r = space_thresholds(TUNING.coarse, setup.span, setup.wide)
         self.picks: list[Bools] = thin(setup.picks, TUNING.rows_compared)
         self.untold: list[Dynamics] = []  # lags whose side, drive or sensor, is not determined
+        self.static_because = ""  # why rate-dependence was not chosen although it was tried
 
     def run(self) -> list[TriedStructure]:
         """Return all candidates, simple ones first."""
@@ -120,6 +121,7 @@ class Search:
     def _choose_rate(self, static: TriedStructure, rate: TriedStructure) -> TriedStructure:
         if rate.held.sum() < TUNING.minor * static.held.sum():
             return rate
+        self.static_because = NO_GAIN
         if not pays(static, rate):
             return static
         whole = self.setup.by_ways()
@@ -132,7 +134,11 @@ class Search:
         left = float(scored[1].held.sum() / scored[0].held.sum())
         enough = left < TUNING.most and pays(scored[0], scored[1], clear=0.0)
         enough = enough or beyond < TUNING.minor
-        return rate if enough and self._is_no_place(static, rate) else static
+        if enough and self._is_no_place(static, rate):
+            self.static_because = ""
+            return rate
+        self.static_because = AS_PLACE if enough else NO_SEGMENTS
+        return static
 
     def _is_no_place(self, static: TriedStructure, rate: TriedStructure) -> bool:
         """Return whether the rate predicts more than a static stage with as many unknowns, whose
@@ -311,6 +317,10 @@ class DriftTrial(Trial):
         numbers = np.split(np.concatenate(used), ends)
         return [lot._replace(group=at) for lot, at in zip(lots, numbers, strict=True)]
 
+
+NO_GAIN = "this is no gain beyond chance"
+NO_SEGMENTS = "but they do not predict whole segments of the drive that were held out"
+AS_PLACE = "but slopes that depend on the place predict as well"
 
 FEWEST_PERIODS = 6
 """Least number of periods of which offsets show a straight drift, and not a chance."""

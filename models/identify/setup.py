@@ -269,7 +269,8 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
             notes.append(f"{one.name}: {np.count_nonzero(far)} displacements far outside the rest")
         allowed.append(one.use & slow & ~far)
     if beyond:
-        notes.append(f"{beyond} rows with a rate that hardly ever occurs were left out")
+        rows_were = "row was" if beyond == 1 else "rows were"
+        notes.append(f"{beyond} {rows_were} left out: the rate there hardly ever occurs")
     virgin = any(one.virgin for one in rows) and trust_start
     known = [_memory_is_known(one, one.virgin and trust_start) for one in rows]
     picks, running = [use & k for use, k in zip(allowed, known, strict=True)], None

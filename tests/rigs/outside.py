@@ -43,6 +43,28 @@ def ahead(u: Floats) -> Floats:
     return np.asarray(np.sign(np.gradient(u)))
 
 
+def stick_slip(u: Floats, force: float, carried: float = 1.0) -> Floats:
+    """A stage that sticks until its spring is strained by `force`, then slips onto the drive.
+
+    carried: the part of the displacement that sticks; the rest follows the drive."""
+    at, out = 0.0, np.empty(u.size)
+    for i, x in enumerate(u):
+        if abs(x - at) > force:
+            at = x
+        out[i] = carried * at + (1.0 - carried) * x
+    return out
+
+
+def relay(u: Floats, at: float, share: float) -> Floats:
+    """A good stage with a part that switches at +-at, as a ferroelectric of one domain does."""
+    state, out = -1.0, np.empty(u.size)
+    for i, x in enumerate(u):
+        state = 1.0 if x > at else -1.0 if x < -at else state
+        out[i] = state
+    good = stage(u)
+    return good + 0.5 * share * np.ptp(good) * out
+
+
 def outside(seed: int = 0) -> dict[str, Recording]:
     """Return recordings by kind: none of them has a hysteresis that can be inverted."""
     t = times(8.0)
@@ -70,6 +92,20 @@ def outside(seed: int = 0) -> dict[str, Recording]:
             for force, drive in ((0.04, sine), (0.07, triangle), (0.15, triangle))
         },
         "switching loop of 40 %": (t, sine, polarisation(sine, 50.0, 45.0) + 0.006 * sine),
+        **{
+            f"stick-slip of {force:.0f} %, {part:.0%}": (
+                t,
+                drive,
+                stick_slip(drive, 2 * force, part),
+            )
+            for force, part, drive in (
+                (6.0, 1.0, sine),
+                (12.0, 1.0, triangle),
+                (20.0, 0.5, sine),
+                (12.0, 0.5, triangle),
+            )
+        },
+        "switching within a loop": (t, sine, relay(sine, 30.0, 0.4)),
         "one way up": (t, t * 10.0, t * 3.0),
         "one way down": (t, -(t**1.5), -t),
         "nothing that follows": (t, sine, rng.standard_normal(t.size)),

@@ -19,6 +19,7 @@ from dehyst.models.signals.drive_segments import (
     find_jumps_at_turns,
 )
 from dehyst.models.signals.joined import Ints
+from dehyst.models.signals.jumps import measure_share_in_jumps
 
 BUTTERFLY = (
     "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "
@@ -32,9 +33,14 @@ resonance leave 0.05; least width of the loop that shows that it repeats."""
 SAME_SIGNAL = 1e-9
 """Residual of a straight line through the drive, as a fraction of the rms of the displacement,
 below which the displacement is a copy of the drive."""
+IN_JUMPS, FEWEST_JUMPS = 0.15, 4
+"""Largest share of its way that a reading may make in jumps, where gauges with outliers, hum and
+polled readings reach 0.03 and stick-slip begins at 0.2; number that is no chance."""
 LEVELS, FEWEST_AT_A_LEVEL = 20, 3
 """Number of drive levels at which rising and falling readings are compared; least number of
 readings of each."""
+WIDTH = 2.8
+"""Width of an ellipse over the rms distance of its points from its axis, 2 sqrt 2."""
 SCATTERED = 0.5
 """Scatter of the readings of one direction, as a fraction of the widest distance, above which no
 loop repeats."""
@@ -111,15 +117,27 @@ def require_own_input(
                 f"{one.fitted_rms:.3g} in the others"
             )
         _require_no_jumps(one.name, its.u, its.y)
+        _require_smooth(one.name, its.u, its.y)
     figures = describe(model)
     _require_narrow(rows[0].name, figures.hysteresis)
     loop = figures.hysteresis * figures.stroke
-    if loop < max(noise):
+    size = sum(int(np.count_nonzero(pick)) for pick in used)
+    if loop < max(noise) * find_least_loop(size, model.hysteresis.n):
         said.append(
-            f"no hysteresis: the loop is {loop:.2g} {unit} wide, which is less than the noise; the "
-            "model is as good as linear in the drive"
+            f"no hysteresis: the loop is {loop:.2g} {unit} wide, and {size} rows with this noise "
+            "cannot show a narrower one; the model is as good as linear in the drive"
         )
     return tuple(said)
+
+
+def find_least_loop(rows: int, unknowns: int) -> float:
+    """Return the width of the narrowest loop that so many rows show, over the noise rms of one.
+
+    A straight line through an ellipse leaves an rms of its width over WIDTH; a fit of so many
+    unknowns reduces the power of white noise by a chi-square with as many degrees of freedom.
+    """
+    chance = unknowns + 3.0 * np.sqrt(2.0 * unknowns)
+    return float(min(1.0, WIDTH * np.sqrt(chance / max(1, rows))))
 
 
 def require_ordinary_loop(recordings: Sequence[Recording]) -> None:
@@ -157,6 +175,20 @@ def _require_no_jumps(name: str, u: Floats, y: Floats) -> None:
             f"{name}: at a turn of the drive the displacement jumps by {np.median(jumps):.0%} of "
             "its range, as with dry friction: no hysteresis that can be inverted looks like this; "
             "look for something that rubs, or that is loose"
+        )
+
+
+def _require_smooth(name: str, u: Floats, y: Floats) -> None:
+    """Raise BadRecording if the displacement (N,) goes a part of its way in jumps while the drive
+    moves evenly, as with stick-slip or a ferroelectric that switches."""
+    known = ~np.isnan(u) & ~np.isnan(y)
+    share, count = measure_share_in_jumps(u[known], y[known])
+    if share > IN_JUMPS and count >= FEWEST_JUMPS:
+        raise BadRecording(
+            f"{name}: the displacement goes {share:.0%} of its way in {count} jumps while the "
+            "drive moves evenly, as with stick-slip or a ferroelectric that switches: no loop "
+            "that can be inverted looks like this; look for something that rubs or is loose, or "
+            "reduce the drive"
         )
 
 

@@ -57,7 +57,7 @@ def test_identify_writes_model_and_report(
     assert model.validity.band_hz == pytest.approx(10, rel=0.1)
     page = (folder / "r" / "report.html").read_text("utf-8")
     pictures = re.findall(r'<img alt="([^"]*)" src="data:image/png;base64,', page)
-    assert len(pictures) == page.count("<img") == 8
+    assert len(pictures) == page.count("<img") == 9
     for shown in ("over a few cycles", "hysteresis loop", "Residual over time", "Residual over the "
                   "drive", "Spectrum", "each drive occurs at each rate", "Sizes of the loops",
                   "Slope after a reversal"):  # fmt: skip

@@ -33,6 +33,7 @@ from dehyst.models.diagnosis.result import DataQuality
 from dehyst.models.drive_design.coverage import Coverage
 from dehyst.models.identify import Identification
 from dehyst.models.identify.equations import Params, Shape
+from dehyst.models.identify.structure import TriedStructure
 from dehyst.models.identify.validation import Validation
 from dehyst.models.learning.passes import Outcome
 from dehyst.models.recording import Floats, Recording
@@ -85,11 +86,15 @@ def world(y: Floats, begin_s: float = 0.0) -> dict[Any, Any]:
         drive_unit="v", findings=(), would_have_seen=(), rms={}, next_experiment="", model=model,
         base_model=model, views=(view,), locate={},
     )  # fmt: skip
+    tried = TriedStructure(
+        Shape(False, ()), 0.0, y**2, y**2, np.ones(n), True, Params(few, few[:1], few[:0]), 1.0
+    )
     result = Identification(
         model=model, residuals=(0.1 * y,), used=(used,), shape=Shape(False, ()),
         params=Params(few, few[:1], few[:0]), errors=Params(np.abs(few), few[:1], few[:0]),
-        rates=few, at_bound=few > 1e99, tried=(), orders=((4, float(y[0])), (8, float(y[-1]))),
-        noise_rms=float(abs(y[0])), recordings=(),
+        rates=few, at_bound=few > 1e99, tried=(tried,),
+        orders=((4, float(y[0])), (8, float(y[-1]))), noise_rms=float(abs(y[0])), recordings=(),
+        chosen=tried,
     )  # fmt: skip
     lags = np.resize(y, 20)
     story = SimpleNamespace(

@@ -10,6 +10,7 @@ from tests.rigs.outside import (
     noisy,
     ordinary,
     outside,
+    plays,
     stage,
     staircase,
     times,
@@ -21,10 +22,11 @@ from dehyst.models.identify import identify
 
 OUTSIDE = outside()
 REASONS = {
-    "butterfly": "butterfly", "square butterfly": "butterfly", "switching": "loop is",
+    "butterfly": "butterfly", "square butterfly": "butterfly",
+    "switching within": "in .* jumps|loop is", "switching": "loop is",
     "square friction": "loop is", "dry": "loop is", "one way": "only runs", "nothing": "follow",
     "another": "follow|another input", "twice": "butterfly|follow", "open": "follow",
-    "friction ahead": "jumps by|another input",
+    "friction ahead": "jumps by|another input", "stick-slip": "in .* jumps|another input",
     "gauge disconnected": "follow", "drive unconnected": "follow", "gauge turned": "follow",
     "drive is": "same signal", "gauge at": "another input", "backlash": "loop is",
 }  # fmt: skip
@@ -52,6 +54,18 @@ def test_a_stage_without_hysteresis_is_taken_and_named() -> None:
     found = identify([linear()])
     assert any("no hysteresis" in note for note in found.notes)
     assert not any("run back" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_loop_narrower_than_the_noise_of_a_reading_shows_in_many(seed: int) -> None:
+    """The loop is two thirds as wide as the noise; without it, as many rows show none."""
+    t = times(12.0)
+    u = 50.0 - 50.0 * np.cos(2 * np.pi * 0.5 * t)
+    noise = 0.12 * np.random.default_rng(seed).standard_normal(t.size)
+    for weight in (0.004, 0.0):
+        y = 0.12 * u + weight * plays(u, np.array([10.0]), np.ones(1)) + noise
+        found = identify([type(linear())(t, u, y)])
+        assert any("no hysteresis" in note for note in found.notes) == (not weight)
 
 
 def test_a_drive_that_rests_for_most_of_the_time_is_ordinary() -> None:
