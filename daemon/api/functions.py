@@ -81,10 +81,10 @@ def identify(
     """Identify one model from one or more recordings of a stage.
 
     data: recordings, as described above. rate, order, saturation, bias: as in
-    dehyst.models.identify.Options; None: chosen by held-out error. units: units of drive and
-    displacement, for arrays. progress: called with a short text at each step. Raises BadRecording
-    if no model can be identified from the recordings, BadInput if the recordings do not belong
-    together.
+    dehyst.models.identify.Options; None: 45 operators, the others chosen by held-out error. units:
+    units of drive and displacement, for arrays. progress: called with a short text at each step.
+    Raises BadRecording if no model can be identified from the recordings, BadInput if the
+    recordings do not belong together.
 
     >>> found = dehyst.identify("run.csv", progress=print)      # doctest: +SKIP
     >>> found.save("stage.toml")                                # doctest: +SKIP

@@ -69,7 +69,7 @@ def summary(
             }
             for c in result.tried
         ],
-        "orders": [{"order": n, "holdout_rms": rms} for n, rms in result.orders],
+        "orders": [{"order": n, "fit_rms": rms} for n, rms in result.orders],
         "parameters": list_intervals(result),
         "notes": list(result.notes),
         "missing": _missing(result, covered),

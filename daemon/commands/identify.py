@@ -21,8 +21,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst identify`."""
     parser.description = (
         "Identify one invertible hysteresis model from one or more recordings of a stage. "
-        "Thresholds, weights, rate-dependence and saturation are all found from the data; options "
-        "that are not given are chosen on held-out rows and reported."
+        "Thresholds, weights, rate-dependence and saturation are all found from the data. Of the "
+        "options that are not given, all but the order are chosen on held-out rows and reported."
     )
     parser.epilog = (
         "examples: dehyst identify run.csv -o stage.toml --report findings\n"
@@ -33,7 +33,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument("--static", action="store_true", help="identify without rate-dependence")
     kind.add_argument("--rate", action="store_true", help="identify with rate-dependent weights")
-    parser.add_argument("--order", type=int, metavar="N", help="number of play operators")
+    parser.add_argument(
+        "--order", type=int, metavar="N", help="number of play operators (default: 45)"
+    )
     parser.add_argument("--saturation", type=int, metavar="M", help="degree of the saturation")
     parser.add_argument(
         "--bias",

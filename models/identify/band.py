@@ -96,7 +96,7 @@ def _settle(setup: FitSetup, r: Floats, lots: list[Equations], one: TriedStructu
     bounds = make_bounds(one.params, setup.limits, r, TUNING.crumb * setup.span * one.loose)
     prior = Prior(r, setup.slope, 0.5 * setup.span)
     return fit_shape(
-        lambda: lots, one.shape, one.params, bounds, prior, one.strength, one.loose, (12, 1e-4)
+        lots, one.shape, one.params, bounds, prior, one.strength, one.loose, (12, 1e-4)
     ).params
 
 

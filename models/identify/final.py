@@ -43,8 +43,8 @@ class Fitted:
     bounds; scored: the structure with these operators, with its held-out scores; costly: the data
     call for a behaviour that no invertible model has; unreachable: rms of that behaviour on the
     comparison drive; equations: the fitted equations, those of the pull last; normal: the normal
-    equations at the end, including the prior; orders: (number of operators, rms error) of each
-    reduced grid.
+    equations at the end, including the prior; orders: (number of operators, rms error of
+    the fitted rows) of each reduced grid.
     """
 
     setup: FitSetup
@@ -127,7 +127,7 @@ def _fit(
 
     def run(lots: list[Equations], begin: Params, above: float, close: float = 1e-4) -> Solution:
         bounds, loose = make_bounds(begin, setup.limits, r, above), above > 0.0
-        return fit_shape(lambda: lots, shape, begin, bounds, prior, strength, loose, (12, close))
+        return fit_shape(lots, shape, begin, bounds, prior, strength, loose, (12, close))
 
     begins = (scored.params, start)  # the first solves the equations linearised about the second
     begin = min(begins, key=lambda p: measure_misfit(equations, shape, p))
@@ -159,7 +159,7 @@ def _fit(
     tight = run(equations + pull, begin, 0.0)
     orders: tuple[tuple[int, float], ...] = ()
     if order is not None:
-        r, tight, orders = _reduce(setup, trial, tight, r, shape, order, prior, strength)
+        r, tight, orders = _reduce(setup, tight, r, shape, order, prior, strength)
         prior = replace(prior, r=r)
         equations = setup.equations(picks, r, offset, lag, shape.rate)
         if costly:
@@ -200,7 +200,6 @@ def find_bent(
 
 def _reduce(
     setup: FitSetup,
-    trial: Trial,
     found: Solution,
     r: Floats,
     shape: Shape,
@@ -216,8 +215,8 @@ def _reduce(
         shares = setup.rates(r) / setup.rate_max
         normal = at_one_rate(normal, shares)
         low[: 2 * r.size][np.tile(shares < 1.0, 2)] = -np.inf
-    grids = eliminate(normal, normal, low, r.size, shape.rate, order)
-    orders = tuple((len(g.kept), float(np.sqrt(g.held / max(1, normal.count)))) for g in grids)
+    grids = eliminate(normal, low, r.size, shape.rate, order)
+    orders = tuple((len(g.kept), float(np.sqrt(g.misfit / max(1, normal.count)))) for g in grids)
     kept = list(grids[-1].kept)
     like = make_start(order, shape, setup.slope, len(setup.rows))
     params = Params.unpacked(grids[-1].p, like)

@@ -4,7 +4,7 @@ The slopes are linear except for the gradient of the saturation, so a few steps 
 that does not lower the misfit is shortened.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,24 +14,17 @@ from dehyst.models.identify.equations import Equations, Normal, Params, Shape, a
 from dehyst.models.identify.thresholds import Prior
 from dehyst.models.recording import Bools, Floats
 
-Source = Callable[[], Iterable[Equations]]
 Bounds = tuple[Floats, Floats]
 
 
 @dataclass(frozen=True)
 class Solution:
     """params: the end of the fit; normal: the equations linearised about it; free: (p,) unknowns
-    that are off their bounds; steps: Gauss-Newton steps taken."""
+    that are off their bounds."""
 
     params: Params
     normal: Normal
     free: Bools
-    steps: int
-
-    @property
-    def rms(self) -> float:
-        """Root mean square error over the fitted equations."""
-        return float(np.sqrt(self.normal.misfit / max(1, self.normal.count)))
 
 
 def make_start(count: int, shape: Shape, slope: float, groups: int) -> Params:
@@ -65,7 +58,7 @@ def make_bounds(
 
 
 def fit_shape(
-    equations: Source,
+    equations: Sequence[Equations],
     shape: Shape,
     start: Params,
     bounds: Bounds,
@@ -83,8 +76,7 @@ def fit_shape(
         cost = prior.gram(shape.rate, strength, loose)
     params = Params.unpacked(np.clip(start.packed(), low, high), start)
     free = None
-    eq = assemble(equations(), shape, params)
-    taken = 0
+    eq = assemble(equations, shape, params)
     for _ in range(steps):
         goal_eq = prior.add_to(eq, shape.rate, strength, loose=loose) if prior else eq
         goal, free = bounded_solve(goal_eq.gram, goal_eq.right, low, high, free)
@@ -95,7 +87,7 @@ def fit_shape(
         part = 1.0
         for _ in range(6):
             trial = Params.unpacked(before + part * (goal - before), params)
-            trial_eq = assemble(equations(), shape, trial)
+            trial_eq = assemble(equations, shape, trial)
             noise = eq.misfit / max(1, eq.count)
             worth, now = (
                 one.misfit + noise * float(at.slopes @ cost @ at.slopes)
@@ -107,7 +99,6 @@ def fit_shape(
         else:
             break
         params, eq = trial, trial_eq
-        taken += 1
     if free is None:
         free = np.ones(low.size, dtype=bool)
-    return Solution(params, eq, free, taken)
+    return Solution(params, eq, free)

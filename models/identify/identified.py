@@ -12,7 +12,7 @@ from dehyst.models.recording import Bools, Floats
 
 @dataclass(frozen=True)
 class Options:
-    """Options that the user fixed; None: chosen by hold-out.
+    """Options that the user fixed; None: chosen by hold-out (order: TUNING.fine, 45).
 
     order: number of play operators (1 to 200); rate: rate-dependent or static; saturation: degree
     of the polynomial (1 to 9); bias: even powers allowed (True: required); monotone: False gives
@@ -48,9 +48,10 @@ class Identification:
     residuals: one (N,) array per recording, y - model, NaN where unknown; used: (N,) rows that were
     fitted; shape: the structure; params, errors: packed parameters and their standard
     errors (0: on the bound); rates: (n,) rates at which the slopes are given and up to which they
-    are positive; tried, orders: candidates that hold-out compared; chosen: the one that was fitted
-    to all rows; static_because: why rate-dependence was tried and not chosen, or empty; couplings:
-    from other axes, which the model contains as blocks; notes: remarks for the user.
+    are positive; tried: candidates that hold-out compared; chosen: the one that was fitted to all
+    rows; orders: rms misfit of the fitted rows with each number of operators; static_because: why
+    rate-dependence was tried and not chosen, or empty; couplings: from other axes, which the model
+    contains as blocks; notes: remarks for the user.
     """
 
     model: Model

@@ -195,21 +195,12 @@ class Trial:
         self.normals = [assemble([lot], self.shape, self.like) for lot in self.lots]
         self.folded = [_sum(self.normals[fold :: self.folds]) for fold in range(self.folds)]
 
-    def score(
-        self,
-        shape: Shape,
-        strengths: Sequence[float],
-        judged: Sequence[Normal] | None = None,
-    ) -> TriedStructure:
-        """Score a structure by its prediction, at the best of these strengths of the prior.
-
-        judged: normal equations of the part of each stretch that is to be predicted; None: all of
-        it.
-        """
+    def score(self, shape: Shape, strengths: Sequence[float]) -> TriedStructure:
+        """Score a structure by its prediction, at the best of these strengths of the prior."""
         loose = self.loose
         at = self._find(shape)
         folded = [_reduce(one, at) for one in self.folded]
-        goals = self.normals if judged is None else judged
+        goals = self.normals
         total = _sum(folded)
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
         low, high = self.bound(shape)
@@ -259,7 +250,7 @@ class Trial:
             found.params, self.setup.limits, self.r, TUNING.crumb * self.setup.span * self.loose
         )
         return fit_shape(
-            lambda: self.lots,
+            self.lots,
             found.shape,
             found.params,
             bounds,

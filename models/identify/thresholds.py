@@ -1,9 +1,9 @@
 """Thresholds of the play operators, the prior on the slopes between them, and their reduction.
 
 Dropping threshold j ties slope j to slope j - 1: their columns in the normal equations add up. So
-the fit of every smaller model, and its error on held-out rows, follow from the two Gram matrices of
-the finest grid without using the data again. The tie that costs least is made first; two thresholds
-closer than the step of a sample cost nothing and merge immediately.
+the fit of every smaller model, and its misfit, follow from the Gram matrix of the finest grid
+without using the data again. The tie that costs least is made first; two thresholds closer than the
+step of a sample cost nothing and merge immediately.
 """
 
 from dataclasses import dataclass
@@ -122,15 +122,14 @@ class Prior:
 @dataclass(frozen=True)
 class Grid:
     """One stage of the elimination: kept: (n,) indices into the finest grid; p: the unknowns;
-    train, held: misfits (sums of squares) on the fitted and the held-out rows."""
+    misfit: sum of squares over the fitted rows."""
 
     kept: tuple[int, ...]
     p: Floats
-    train: float
-    held: float
+    misfit: float
 
 
-def find_starts(kept: tuple[int, ...], finest: int, rate: bool, rest: int) -> Ints:
+def _find_starts(kept: tuple[int, ...], finest: int, rate: bool, rest: int) -> Ints:
     """Return the first (reduced,) of the finest grid's unknowns that each unknown of a reduced
     model ties."""
     first = np.array(kept, dtype=np.int64)
@@ -138,24 +137,22 @@ def find_starts(kept: tuple[int, ...], finest: int, rate: bool, rest: int) -> In
     return np.concatenate([slopes, finest * (2 if rate else 1) + np.arange(rest)])
 
 
-def eliminate(
-    train: Normal, held: Normal, low: Floats, finest: int, rate: bool, least: int = 1
-) -> list[Grid]:
+def eliminate(eq: Normal, low: Floats, finest: int, rate: bool, least: int = 1) -> list[Grid]:
     """Return grids of all sizes from `finest` down to `least`.
 
-    train, held: normal equations on the finest grid about the same parameters; low: (p,) bounds.
+    eq: normal equations on the finest grid; low: (p,) bounds.
     """
     rest = low.size - finest * (2 if rate else 1)
     kept = tuple(range(finest))
     grids = []
     free = None
     while True:
-        starts = find_starts(kept, finest, rate, rest)
-        gram = np.add.reduceat(np.add.reduceat(train.gram, starts, axis=0), starts, axis=1)
-        right = np.add.reduceat(train.right, starts)
+        starts = _find_starts(kept, finest, rate, rest)
+        gram = np.add.reduceat(np.add.reduceat(eq.gram, starts, axis=0), starts, axis=1)
+        right = np.add.reduceat(eq.right, starts)
         p, free = bounded_solve(gram, right, low[starts], free=free)
         full = np.repeat(p, np.diff(starts, append=low.size))
-        grids.append(Grid(kept, p, train.misfit_at(full), held.misfit_at(full)))
+        grids.append(Grid(kept, p, eq.misfit_at(full)))
         if len(kept) <= least:
             return grids
         drop = _find_cheapest(gram, p, len(kept), rate)

@@ -80,7 +80,7 @@ def test_static_fit_without_saturation_is_plain_least_squares() -> None:
     blocks = setup.equations(setup.picks, r, 0.0)
     shape = Shape(False, (0,))
     start = make_start(3, shape, 1.0, 1)
-    found = fit_shape(lambda: blocks, shape, start, make_bounds(start, None))
+    found = fit_shape(blocks, shape, start, make_bounds(start, None))
     h = np.zeros(3)
     plays = []
     for u in rec.drive:  # Eq. 1, written out
