@@ -11,7 +11,8 @@ from dehyst.daemon.config.drives import drive_range
 from dehyst.daemon.files.models import load_model
 from dehyst.models.cascade.reach import displacement_range, set_point_origin
 from dehyst.models.errors import BadInput
-from dehyst.models.inverse.compensator import FLAG_OUTSIDE_VALIDITY, FLAG_SLEW, Compensator
+from dehyst.models.inverse import sample
+from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import UNREACHABLE, invert_streamed
 from dehyst.models.model import Model
 from dehyst.models.recording import AXIS_CHANNEL, Floats
@@ -85,14 +86,14 @@ def require_reach(
         flags = invert_streamed(comp, wanted, channels).flags[APPROACH:]
         for bits, what in (
             (UNREACHABLE, "out of reach"),
-            (FLAG_SLEW, "faster than the slew limit"),
+            (sample.SLEW, "faster than the slew limit"),
         ):
             if count := int(np.count_nonzero(flags & bits)):
                 raise BadInput(
                     f"axis {name}: {count} of {target.size} samples are {what}, the first at "
                     f"{np.flatnonzero(flags & bits)[0] * period_s:.4g} s; make it smaller or slower"
                 )
-        if count := int(np.count_nonzero(flags & FLAG_OUTSIDE_VALIDITY)):
+        if count := int(np.count_nonzero(flags & sample.OUTSIDE)):
             said.append(
                 f"axis {name}: {count} samples are outside the range or rate that its model was "
                 "identified in"

@@ -15,7 +15,7 @@ All classes are frozen and their arrays are read-only. u is in `drive_unit`, y i
 `displacement_unit`; both are the recording's units.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -143,7 +143,3 @@ class Model:
     blocks: tuple[Block, ...] = ()
     fit: Fit = Fit()
     provenance: Provenance = Provenance()
-
-    def with_hysteresis(self, hysteresis: Hysteresis) -> "Model":
-        """Return a copy of the model with another hysteresis."""
-        return replace(self, hysteresis=hysteresis)

@@ -31,7 +31,6 @@ from dehyst.daemon.rings.records import Flag
 from dehyst.models.errors import DehystError
 from dehyst.models.recording import Floats
 
-PATTERN_S = 24.0
 WAVES: dict[str, tuple[tuple[float, float], ...]] = {
     "step": (),
     "way": (),
@@ -73,7 +72,7 @@ NOT_TRACKED = int(Flag.APPROACH | Flag.SENSOR_INVALID | Flag.SENSOR_HELD)
 
 
 def pattern(middle: float, half: float, rate_hz: float) -> tuple[Floats, Floats]:
-    """Return (t_s, target) of about PATTERN_S that ends where it begins: waves of many sizes and
+    """Return (t_s, target) of about 24 s that ends where it begins: waves of many sizes and
     speeds, slow moves, steps and holds. They resemble a stage's daily work, and distinguish
     effects."""
     parts: list[Floats] = []

@@ -99,7 +99,7 @@ def load_columns(
         loaded = _load_npz(path, reading, wants)
     elif kind == ".npy":
         loaded = _understood(path, _read_npy(path), reading, wants)
-    elif not reading and name.lower().endswith((".csv", ".csv.gz")) and is_own(path, wants):
+    elif not reading and name.lower().endswith((".csv", ".csv.gz")) and _is_own(path, wants):
         table = read_table(path)
         loaded = Loaded(table.columns, {**table.metadata, **read_notes(path)})
         loaded.where = lambda row: f"line {line_of_row(path, row)}"
@@ -128,7 +128,7 @@ def _refuse_wrong_suffix(path: Path) -> None:
         raise BadRecording(f"{path.name}: not {what} but text: rename it to .txt")
 
 
-def is_own(path: Path, wants: Sequence[str] = ("t",)) -> bool:
+def _is_own(path: Path, wants: Sequence[str]) -> bool:
     """Return whether a CSV begins as dehyst writes it: a comma-separated header with the wanted
     columns under their own names, and as many numbers in the next line. A file that cannot be read
     counts as own, so that read_table reports the reason."""

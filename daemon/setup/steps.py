@@ -63,7 +63,7 @@ def find_units(bench: Workbench) -> Result:
             found[unit.kind].append(unit)
     actuator = _one_of(bench, found["actuator"], "amplifier")
     if len(axes) > 1:
-        return _units_of_axes(bench, axes, actuator, found["sensor"])
+        return _units_of_axes(axes, actuator, found["sensor"])
     sensor = _one_of(bench, found["sensor"], "gauge reader")
     result: Result = {"axis": axes[0], "actuator": _described(actuator)}
     result |= {"sensor": _described(sensor)}
@@ -80,9 +80,7 @@ def _axes_asked_for(bench: Workbench) -> tuple[str, ...]:
     return tuple(bench.ask.choice(text, "--axis", choices).split(","))
 
 
-def _units_of_axes(
-    bench: Workbench, axes: tuple[str, ...], actuator: FoundUnit, gauges: list[FoundUnit]
-) -> Result:
+def _units_of_axes(axes: tuple[str, ...], actuator: FoundUnit, gauges: list[FoundUnit]) -> Result:
     """Describe one amplifier and a gauge for each axis, for now in the order of the ports; the
     gentle loops show later which gauge belongs to which axis."""
     if not output_of(actuator.driver, axes[0]):

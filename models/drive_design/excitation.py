@@ -24,8 +24,6 @@ class Tuning(NamedTuple):
 
     sines: int = 3
     trials: int = 300
-    drive_bins: int = 8
-    rate_bins: int = 9
     coarse: int = 3000  # samples used to judge a drive
     slowest: float = 0.1  # of the band: slower sines leave too little amplitude for the fast ones
     least_cycles: int = 3  # of the slowest sine in the whole drive
@@ -40,8 +38,8 @@ SINES = TUNING.sines
 @dataclass(frozen=True)
 class Excitation:
     """A drive. t_s, u: (N,); amplitudes, frequencies_hz: of the sines; rest_s: rest at each end;
-    lead_s: smooth move from the start to the bottom of the range; rate_max: largest rate [unit/s];
-    evenness: 0 (one cell of drive and rate) to 1 (all cells alike)."""
+    lead_s: smooth move from the start to the bottom of the range; rate_max: largest rate
+    [unit/s]."""
 
     t_s: Floats
     u: Floats
@@ -50,7 +48,6 @@ class Excitation:
     rest_s: float
     lead_s: float
     rate_max: float
-    evenness: float
 
 
 def design(
@@ -103,7 +100,6 @@ def design(
     )
     t = np.arange(u.size) / sample_hz
     rate_max = float(np.max(np.abs(np.diff(u)))) * sample_hz
-    even = _measure_evenness(cycles, shares)
     return Excitation(
         t,
         u,
@@ -112,7 +108,6 @@ def design(
         rest_s,
         lead_s,
         rate_max,
-        even,
     )
 
 
@@ -204,7 +199,7 @@ def _measure_evenness(cycles: Floats, shares: Floats) -> float:
     rate = np.sin(angle) @ (shares * cycles)
     rate /= np.max(np.abs(rate))
     cells, _, _ = np.histogram2d(
-        u, rate, bins=(TUNING.drive_bins, TUNING.rate_bins), range=((-1.0, 1.0), (-1.0, 1.0))
+        u, rate, bins=(COVERAGE.drive_bins, COVERAGE.rate_bins), range=((-1.0, 1.0), (-1.0, 1.0))
     )
     speeds = np.histogram(np.abs(rate), bins=8, range=(0.0, 1.0))[0]
     return _compute_entropy(cells.ravel()) * _compute_entropy(speeds)

@@ -24,12 +24,11 @@ MARGIN = 0.05  # smallest slope of the nearest monotone model, relative to the f
 
 @dataclass(frozen=True)
 class Reversal:
-    """A reversal after which the output moves the wrong way. Over the travel from travel_from to
-    travel_to [drive unit] the slope dz/du is `slope` (the correct sign is `sign`) at the input
+    """A reversal after which the output moves the wrong way. Over the travel from 2 r of `operator`
+    to travel_to [drive unit] the slope dz/du is `slope` (the correct sign is `sign`) at the input
     rate `rate`; wrong_way: the largest displacement in the wrong direction."""
 
     operator: int
-    travel_from: float
     travel_to: float
     slope: float
     sign: float
@@ -106,7 +105,6 @@ def find_wrong_way(
         j = int(bad[-1])
         found = Reversal(
             j,
-            2.0 * h.r[j],
             2.0 * float(ends[j]),
             sign * float(slopes[j]),
             sign,
@@ -159,7 +157,7 @@ def nearest_monotone(model: Model, rate: float = 0.0) -> tuple[Model, float]:
     """
     h, v = model.hysteresis, model.validity
     if rate == 0.0 and not h.static:
-        model = model.with_hysteresis(replace(h, k=np.zeros(h.n)))
+        model = replace(model, hysteresis=replace(h, k=np.zeros(h.n)))
         h = model.hysteresis
     if find_wrong_way(h, v.drive_min, v.drive_max, rate) is None:
         return model, 0.0
@@ -202,4 +200,4 @@ def nearest_monotone(model: Model, rate: float = 0.0) -> tuple[Model, float]:
     near = replace(h, b=np.diff(p, prepend=0.0), k=np.diff(q_sum, prepend=0.0))
     apart = simulate_hysteresis(near, u, dt) - simulate_hysteresis(h, u, dt)
     price = float(np.sqrt(np.mean(apart**2)))
-    return model.with_hysteresis(near), price
+    return replace(model, hysteresis=near), price

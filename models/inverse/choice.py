@@ -36,7 +36,7 @@ def choose_mode(
     h = model.hysteresis
     unit = model.displacement_unit
     low, high = model.validity.drive_min, model.validity.drive_max
-    stroke = abs(signed_slope(model, low, high)) * (high - low)
+    stroke = mean_slope(model, low, high) * (high - low)
     if price > TUNING.too_far * stroke:
         why = f"the weights are so far from monotone ({price:.3g} {unit} rms) that only the"
         return ModeChoice("static", f"{why} nearest monotone model is of use", False)
@@ -97,11 +97,11 @@ def limits_of(
     return low, high, rate
 
 
-def signed_slope(model: Model, low: float, high: float) -> float:
-    """Return the mean slope of the displacement over the drive range; 1 where it is 0."""
+def mean_slope(model: Model, low: float, high: float) -> float:
+    """Return the mean |dy/du| over the drive range; 1 where it is 0."""
     h = model.hysteresis
     ends = simulate_hysteresis(h, np.array([low, high, low, high]), 1e9)
-    slope = float(ends[3] - ends[2]) / (high - low)
+    slope = abs(float(ends[3] - ends[2])) / (high - low)
     return slope if slope != 0.0 and math.isfinite(slope) else 1.0
 
 

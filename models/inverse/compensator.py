@@ -29,37 +29,26 @@ from dehyst.models.hysteresis.operators import operators
 from dehyst.models.hysteresis.play import play_step
 from dehyst.models.inverse import lookahead, preview, sample
 from dehyst.models.inverse.choice import (
-    MODES,
     check_inverse_settings,
     choose_mode,
     limits_of,
+    mean_slope,
     noise_of,
-    signed_slope,
 )
 from dehyst.models.inverse.state import FRAME, RESULT, SETTING, STATE, Inverse, Nodes
 from dehyst.models.inverse.static import static_inverse
 from dehyst.models.inverse.tuning import TUNING
 from dehyst.models.model import Floats, Model
 
-__all__ = ("CAUSAL", "FLAG_NAMES", "HOLD", "MODES", "PREVIEW", "STATIC", "Compensator")
-
-HOLD, STATIC, CAUSAL, PREVIEW = range(4)
-
-# Bits in the state's flags.
-FLAG_BEYOND_SATURATION = sample.BEYOND_SATURATION
-FLAG_BEYOND_DRIVE = sample.BEYOND_DRIVE
-FLAG_SLEW = sample.SLEW
-FLAG_STARVED = sample.STARVED
-FLAG_BAD_TARGET = sample.BAD_TARGET
-FLAG_OUTSIDE_VALIDITY = sample.OUTSIDE
 FLAG_NAMES = {
-    FLAG_BEYOND_SATURATION: "target beyond the saturation",
-    FLAG_BEYOND_DRIVE: "target beyond the drive range",
-    FLAG_SLEW: "limited by the slew rate",
-    FLAG_STARVED: "fewer targets ahead than the mode wants",
-    FLAG_BAD_TARGET: "target not finite: held",
-    FLAG_OUTSIDE_VALIDITY: "outside the range or rate that the model was identified in",
+    sample.BEYOND_SATURATION: "target beyond the saturation",
+    sample.BEYOND_DRIVE: "target beyond the drive range",
+    sample.SLEW: "limited by the slew rate",
+    sample.STARVED: "fewer targets ahead than the mode wants",
+    sample.BAD_TARGET: "target not finite: held",
+    sample.OUTSIDE: "outside the range or rate that the model was identified in",
 }
+"""What each bit of the state's flags means."""
 
 
 class CompensatorState:
@@ -93,7 +82,7 @@ class CompensatorState:
 
     @property
     def flags(self) -> int:
-        """Return the flags as bits FLAG_..."""
+        """Return the flags as bits of FLAG_NAMES."""
         return int(self.inverse.result["flags"][0])
 
     @property
@@ -149,8 +138,7 @@ class Compensator:
         self.latency_s = (self.window_samples - 1) * period_s
         h = model.hysteresis
         self.hysteresis = operators(h, self.static.b)
-        slope = signed_slope(model, self.low, self.high)
-        self.slope = abs(slope)
+        self.slope = mean_slope(model, self.low, self.high)
         self.noise = noise_of(model, self.slope, self.low, self.high)
         self.delay_s, self.chain = packed.delay_s, packed.chain
         self.has_stage_blocks = packed.on_stage
@@ -161,7 +149,6 @@ class Compensator:
             "period": period_s,
             "noise": self.noise,
             "slope": self.slope,
-            "sense": math.copysign(1.0, slope),
             "late": late,
             "valid_low": v.drive_min,
             "valid_high": v.drive_max,

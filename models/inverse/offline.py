@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from dehyst.models.cascade.step import invert_stage_blocks
 from dehyst.models.inverse import sample
-from dehyst.models.inverse.compensator import MODES, Compensator, CompensatorState
+from dehyst.models.inverse.choice import MODES
+from dehyst.models.inverse.compensator import Compensator, CompensatorState
 from dehyst.models.inverse.refine import improve_by_sweeps, limit_drive, refine
 from dehyst.models.inverse.tuning import TUNING
 from dehyst.models.model import Floats
@@ -54,7 +55,7 @@ def _targets(
 
 
 def _replayed(
-    comp: Compensator, start: float, drive: Floats, target: Floats, channels: Floats
+    comp: Compensator, start: float, drive: Floats, channels: Floats
 ) -> tuple[Floats, Floats]:
     """Return the displacement and reading (N,) that the model predicts for a drive."""
     state = comp.init(start)
@@ -127,7 +128,7 @@ def invert_trajectory(
     best, most = streamed, _rms(streamed.predicted - target, reachable)
     for name, inside in drives.items():
         drive = comp.command(inside, at)
-        y, reading = _replayed(comp, at, drive, target, channels)
+        y, reading = _replayed(comp, at, drive, channels)
         rms = _rms(y - target, settled)
         if rms < best.rms and _rms(y - target, reachable) <= most:
             fast = np.abs(np.diff(drive, prepend=at)) >= comp.rate * comp.period_s * (1 - 1e-9)

@@ -20,7 +20,6 @@ SETTING = np.dtype(
         ("period", "<f8"),
         ("noise", "<f8"),
         ("slope", "<f8"),  # mean |dy/du|
-        ("sense", "<f8"),  # sign of dy/du
         ("late", "<f8"),  # delay of drive and stage, in samples
         ("valid_low", "<f8"),
         ("valid_high", "<f8"),

@@ -24,7 +24,6 @@ from dehyst.models.hysteresis.saturation import Branch, branch, unsaturate
 from dehyst.models.inverse.state import LIMITS, StaticTables
 from dehyst.models.model import Floats, Model
 
-REACHED = 0
 BEYOND_SATURATION = 1  # the displacement is not on the saturation's monotone branch
 BEYOND_DRIVE = 2  # the drive range ends before the displacement is reached
 
@@ -137,7 +136,7 @@ class StaticInverse:
         return StaticTables(self.r, self.b, s.c, s.z_knots, limits)
 
     def step(self, h: Floats, last: float, y: float) -> tuple[float, int]:
-        """Return the drive for displacement y, and flags: REACHED, or BEYOND_... bits.
+        """Return the drive for displacement y, and flags: BEYOND_... bits, 0 where it is reached.
 
         h: (n,) operator outputs after the drive `last`. Neither is changed: advance h with
         play_step(r, h, u - u_offset) by the drive that is really applied.

@@ -11,7 +11,7 @@ from typing import NamedTuple
 class Tuning(NamedTuple):
     """One frozen set of constants; the kernels compile them in."""
 
-    # How far a model is used (`stage`, and the test of the choice).
+    # How far a model is used (--only stage, and the test of the choice).
     rate_margin: float = 1.25  # highest rate of a rate-dependent model, times its validity's rate
     noise_share: float = 0.004  # noise as part of the stroke, where the model states none
     too_far: float = 0.1  # of the stroke: further from monotone, only the static inverse is used

@@ -99,26 +99,14 @@ STATE = np.dtype(
         ("jumped", "<i8"),
         ("stuck", "<i8"),
         ("distrusted", "<i8"),
-        ("why", "<i8"),  # Why, of the newest sample
+        ("why", "<i8"),  # FreezeReason of the newest sample
         ("lasting", "<i8"),  # the newest that has lasted for reported_s
         ("why_s", "<f8"),
     ]
 )
 
-NOTHING, OFF, NOT_RUNNING = (
-    int(FreezeReason.NOTHING),
-    int(FreezeReason.OFF),
-    int(FreezeReason.NOT_RUNNING),
-)
-NO_READING, STUCK, JUMPED = (
-    int(FreezeReason.NO_READING),
-    int(FreezeReason.STUCK),
-    int(FreezeReason.JUMPED),
-)
-BEYOND, DISTRUSTED, SETTLING = (
-    int(FreezeReason.BEYOND),
-    int(FreezeReason.DISTRUSTED),
-    int(FreezeReason.SETTLING),
+NOTHING, OFF, NOT_RUNNING, NO_READING, STUCK, JUMPED, BEYOND, DISTRUSTED, SETTLING = map(
+    int, FreezeReason
 )
 
 

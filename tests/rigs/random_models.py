@@ -116,7 +116,8 @@ def known_ahead(starving: int, samples: int, wide: int) -> Ints:
 
 @njit(cache=True, nogil=True)
 def _run(address, target, wide, known, drive):  # type: ignore[no-untyped-def]
-    """Run the daemon's loop without the daemon: propose, apply."""
+    """Run the daemon's loop without the daemon: propose, apply. numba keeps this code when a record
+    of the inverse changes: then change this file as well."""
     inverse = inverse_at(address)
     for i in range(target.size):
         sample.propose_drive(inverse, target[i : i + wide], known[i])

@@ -82,8 +82,8 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
         raise BadRecording(f"{name}: {'; '.join(asked)}")
     for i, column in enumerate(columns):
         if i not in chosen.values():
-            _keep(column, reading, out)
-    own = not reading and all(_is_own(columns[i]) for i in chosen.values()) and "t" in chosen
+            _keep(column, out)
+    own = not reading and all(_has_own_name(columns[i]) for i in chosen.values()) and "t" in chosen
     time = columns[chosen["t"]] if "t" in chosen and not reading.rate_hz else None
     return Understood(
         out,
@@ -92,7 +92,7 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
     )
 
 
-def _is_own(column: Column) -> bool:
+def _has_own_name(column: Column) -> bool:
     return role_of(column.heading, "")[1] == PLAIN and not column.unit
 
 
@@ -297,7 +297,7 @@ def _keep_as(
         said.append(f"{name} from {label}")
 
 
-def _keep(column: Column, reading: ReadOptions, out: dict[str, Floats]) -> None:
+def _keep(column: Column, out: dict[str, Floats]) -> None:
     """Add a further channel, under a name that a recording may use."""
     name, own = split_heading(path_of(column.heading)[-1])
     unit = find_unit_key(column.unit) or own

@@ -12,7 +12,8 @@ from tests.rigs.random_models import DROUGHT, NEVER, driven, outcome
 
 from dehyst.models.errors import BadInput
 from dehyst.models.hysteresis.forward import simulate_hysteresis
-from dehyst.models.inverse import compensator as comp
+from dehyst.models.inverse import sample
+from dehyst.models.inverse.choice import MODES
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import invert_streamed, invert_trajectory
 from dehyst.models.model import Block, Hysteresis, Model, Validity
@@ -102,7 +103,7 @@ def test_one_starved_sample_in_a_hundred_does_not_hurt(reported: int) -> None:
             n = reported if starves and i % 100 == 57 else window.size
             c.step(state, window, min(n, window.size), np.zeros(0))
             drive[i] = state.drive
-            flagged = bool(state.flags & comp.FLAG_STARVED)
+            flagged = bool(state.flags & sample.STARVED)
             assert flagged == (n < c.window_samples)
             c.applied(state, drive[i])
         errors.append(_rms(_error(model, drive, target)[200:1900]))
@@ -121,7 +122,7 @@ def test_a_stream_that_changes_its_mind_is_believed() -> None:
     for _ in range(400):
         c.step(state, np.full(1, 5.0), 1, np.zeros(0))
         c.applied(state, state.drive)
-        assert state.mode == comp.STATIC
+        assert state.mode == sample.STATIC
     assert state.predicted == pytest.approx(5.0, abs=0.05)
 
 
@@ -160,7 +161,7 @@ def test_preview_runs_dry_and_returns_without_a_jump() -> None:
             n = max(0, 700 - i)
         c.step(state, window, min(n, window.size), np.zeros(0))
         drive[i] = state.drive
-        modes.append(comp.MODES[state.mode])
+        modes.append(MODES[state.mode])
         c.applied(state, drive[i])
     assert modes[500] == modes[650] == "preview"
     assert modes[698] == "preview"  # the plan is valid to its end
@@ -179,7 +180,7 @@ def test_bad_targets_hold_and_are_flagged() -> None:
     state = c.init(2.0)
     c.step(state, np.full(c.window_samples, np.nan), c.window_samples, np.zeros(0))
     assert state.drive == 2.0
-    assert state.flags & comp.FLAG_BAD_TARGET
+    assert state.flags & sample.BAD_TARGET
 
 
 def test_targets_beyond_the_range_are_flagged() -> None:
@@ -188,7 +189,7 @@ def test_targets_beyond_the_range_are_flagged() -> None:
         c = Compensator(model, DT, 0.0, 10.0, 1e4, mode, 0.05)
         result = invert_streamed(c, np.full(400, 20.0))
         assert result.drive[-1] == pytest.approx(10.0, abs=1e-3)
-        assert result.flags[-1] & (comp.FLAG_BEYOND_DRIVE | comp.FLAG_BEYOND_SATURATION)
+        assert result.flags[-1] & (sample.BEYOND_DRIVE | sample.BEYOND_SATURATION)
 
 
 def test_the_chooser_says_which_and_why() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dehyst.models.inverse import compensator as comp
+from dehyst.models.inverse import sample
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import invert_streamed
 from dehyst.models.inverse.static import BEYOND_DRIVE, BEYOND_SATURATION, static_inverse
@@ -19,7 +19,7 @@ def test_a_target_below_the_lowest_drive_is_flagged_and_the_drive_stays_at_it(mo
     result = invert_streamed(c, np.full(400, -5.0))
     assert result.drive.min() >= 2.0
     assert result.drive[-1] == pytest.approx(2.0, abs=1e-3)
-    assert result.flags[-1] & comp.FLAG_BEYOND_DRIVE
+    assert result.flags[-1] & sample.BEYOND_DRIVE
 
 
 @pytest.mark.parametrize("mode", ["static", "preview"])
@@ -28,7 +28,7 @@ def test_a_target_above_the_highest_drive_is_flagged_and_the_drive_stays_at_it(m
     result = invert_streamed(c, np.full(400, 25.0))
     assert result.drive.max() <= 10.0
     assert result.drive[-1] == pytest.approx(10.0, abs=1e-3)
-    assert result.flags[-1] & comp.FLAG_BEYOND_DRIVE
+    assert result.flags[-1] & sample.BEYOND_DRIVE
 
 
 @pytest.mark.parametrize("beyond", [-1.0, 1.0])
@@ -43,7 +43,7 @@ def test_a_target_beyond_either_end_of_the_saturation_is_flagged(beyond: float) 
     assert flags[1] & BEYOND_SATURATION
     assert drives[1] == pytest.approx(beyond * 10.0, abs=1e-3)
     c = Compensator(bent, DT, -12.0, 12.0, 1e4, "static", 0.05)
-    assert invert_streamed(c, np.full(50, beyond * 6.8)).flags[-1] & comp.FLAG_BEYOND_SATURATION
+    assert invert_streamed(c, np.full(50, beyond * 6.8)).flags[-1] & sample.BEYOND_SATURATION
 
 
 @pytest.mark.parametrize(("target", "low"), [(-5.0, 2.0), (25.0, 10.0)])
@@ -61,5 +61,5 @@ def test_a_drive_outside_of_what_was_identified_is_flagged_at_both_ends(start: f
     c = Compensator(model, DT, 0.0, 10.0, 1e3, "static", 0.05)
     result = invert_streamed(c, np.full(20, 5.0), start=start)
     assert result.drive[0] == pytest.approx(1.0 if start == 0.0 else 9.0)
-    assert result.flags[0] & comp.FLAG_OUTSIDE_VALIDITY
-    assert not result.flags[-1] & comp.FLAG_OUTSIDE_VALIDITY
+    assert result.flags[0] & sample.OUTSIDE
+    assert not result.flags[-1] & sample.OUTSIDE

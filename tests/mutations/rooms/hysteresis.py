@@ -112,7 +112,7 @@ CHANGES = [
         Change(
             "k-kept-at-rest",
             MONOTONE,
-            "model = model.with_hysteresis(replace(h, k=np.zeros(h.n)))",
+            "model = replace(model, hysteresis=replace(h, k=np.zeros(h.n)))",
             "pass",
             "a static inverse is made from a model with rates",
         ),

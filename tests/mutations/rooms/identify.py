@@ -123,7 +123,7 @@ CHANGES = room(
         "(0, \"out of reach\")", "a path is written that an axis cannot follow",
     ),
     Change(
-        "scan-too-fast", "daemon/scan_check.py", "(FLAG_SLEW, ", "(0, ",
+        "scan-too-fast", "daemon/scan_check.py", "(sample.SLEW, ", "(0, ",
         "a path is written that is faster than the slew limit",
     ),
 ) + room(
