@@ -15,11 +15,11 @@ import tomli_w
 from dehyst.models.errors import BadInput, BadModel
 from dehyst.models.model import Block, Fit, Hysteresis, Model, Provenance, Validity
 from dehyst.models.toml_text import parse_toml
+from dehyst.models.units import UNIT_NAMES
 
 FORMAT = 1
 MOST_NUMBERS, MOST_BLOCKS = 1000, 64
 """Limits per list and per model: more than any identification finds, few enough for a loop."""
-UNIT_NAMES = ("v", "um", "nm", "counts", "mrad", "urad")
 SHIPPED = ("paper-eq11", "paper-eq12")
 LEFT_OUT = ("", "0.1.0", "0.2.0")
 """Versions, "" if none is stated, whose models lack `slopes_s_per_v` if all slopes are 0, and

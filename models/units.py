@@ -1,4 +1,7 @@
-"""Units in readable form."""
+"""The units of models and recordings, and units in readable form."""
+
+UNIT_NAMES = ("v", "um", "nm", "counts", "mrad", "urad")
+"""The units of drive and displacement, as in the names of columns and keys."""
 
 
 def pick_unit(unit: str, size: float) -> tuple[float, str]:

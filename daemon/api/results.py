@@ -20,12 +20,11 @@ from dehyst.daemon.api.identification_summary import describe_result
 from dehyst.daemon.api.prediction import Misfit, describe_misfit, outside_validity
 from dehyst.daemon.files.axis_columns import to_columns
 from dehyst.daemon.files.models import save_model, write_text
-from dehyst.daemon.files.outputs import check_outputs
+from dehyst.daemon.files.outputs import check_outputs, report_failures
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.daemon.json_text import json_text
 from dehyst.models.diagnosis import Diagnosis, Finding
 from dehyst.models.drive_design.coverage import Coverage, measure_coverage
-from dehyst.models.errors import BadInput
 from dehyst.models.identify import Figures, Identification, describe
 from dehyst.models.identify.validation import Validation
 from dehyst.models.inverse.compensator import FLAG_NAMES
@@ -37,11 +36,9 @@ from dehyst.models.recording import Floats, Recording
 def write_page(path: Path, text: str) -> Path:
     """Write a report to `path`, creating its folder if needed. Raises BadInput if it cannot be
     written."""
-    try:
+    with report_failures(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, text)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
     return path
 
 

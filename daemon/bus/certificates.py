@@ -31,7 +31,7 @@ def write_new_file(path: Path, data: bytes, mode: int) -> None:
         with open(handle, "wb") as file:
             file.write(data)
     except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
+        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 class Authority:

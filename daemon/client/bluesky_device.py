@@ -62,6 +62,13 @@ class Doing:
         self._future.result(timeout)
 
 
+def _done() -> Doing:
+    """Return the status of an action that is over."""
+    future: Future[None] = Future()
+    future.set_result(None)
+    return Doing(future)
+
+
 class BlueskyStage:
     """The stage as a bluesky device.
 
@@ -191,18 +198,14 @@ class BlueskyStage:
         """Set the trajectory that kickoff() starts: (n,) times [s] and (n,) targets."""
         t_s, targets = (np.array(part, float) for part in value)
         self._way = (t_s, targets)
-        future: Future[None] = Future()
-        future.set_result(None)
-        return Doing(future)
+        return _done()
 
     def kickoff(self) -> Doing:
         """Start the trajectory. Raises BadInput if none was prepared."""
         if self._way is None:
             raise BadInput("no trajectory: prepare(stage, (t_s, targets)) comes before kickoff")
         self._flight = self._positioner.fly(*self._way)
-        future: Future[None] = Future()
-        future.set_result(None)
-        return Doing(future)
+        return _done()
 
     def complete(self) -> Doing:
         """Return a status that is done when the trajectory is over and fails if it ended early.

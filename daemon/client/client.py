@@ -55,6 +55,14 @@ ADDRESS, CREDENTIALS = "DEHYST_CONNECT", "DEHYST_CREDENTIALS"
 """Environment variables that override the defaults."""
 
 
+def open_bus(connect: str | Sequence[str] | None, credentials: str | None) -> tuple[Bus, list[str]]:
+    """Return a connection and its addresses. None: from the environment, else the default."""
+    connect = os.environ.get(ADDRESS, DEFAULT) if connect is None else connect
+    credentials = os.environ.get(CREDENTIALS, "") if credentials is None else credentials
+    addresses = [connect] if isinstance(connect, str) else list(connect)
+    return Bus.connect(addresses, security=client_settings(credentials)), addresses
+
+
 class Refusal(DehystError):
     """The daemon refused a command. code: one of dehyst.daemon.bus.refusal_codes.CODES."""
 
@@ -82,10 +90,7 @@ class Client(DaemonQueries):
         label: str = "",
         credentials: str | None = None,
     ) -> None:
-        connect = os.environ.get(ADDRESS, DEFAULT) if connect is None else connect
-        credentials = os.environ.get(CREDENTIALS, "") if credentials is None else credentials
-        addresses = [connect] if isinstance(connect, str) else list(connect)
-        bus = Bus.connect(addresses, security=client_settings(credentials))
+        bus, addresses = open_bus(connect, credentials)
         try:
             names = find_daemons(bus, base, addresses, lambda found: chosen_of(found, name))
             if (chosen := chosen_of(names, name)) is None:

@@ -11,7 +11,6 @@ sample, and if one runs out of points all stop together. Each axis is a Client (
 one shared connection. Threads and forks: as for Client.
 """
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -20,14 +19,8 @@ from numpy.typing import ArrayLike
 
 from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.bus.messages import Reply, Status, new_number
-from dehyst.daemon.bus.security import client_settings
-from dehyst.daemon.bus.session import Bus, BusError
-from dehyst.daemon.client.client import (
-    ADDRESS,
-    CREDENTIALS,
-    DEFAULT,
-    Client,
-)
+from dehyst.daemon.bus.session import BusError
+from dehyst.daemon.client.client import Client, open_bus
 from dehyst.daemon.client.finding import find_axes
 from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, Player
 from dehyst.daemon.client.questions import LONGEST_START_S
@@ -57,10 +50,7 @@ class Group(Closing):
         label: str = "",
         credentials: str | None = None,
     ) -> None:
-        connect = os.environ.get(ADDRESS, DEFAULT) if connect is None else connect
-        credentials = os.environ.get(CREDENTIALS, "") if credentials is None else credentials
-        addresses = [connect] if isinstance(connect, str) else list(connect)
-        self.bus = Bus.connect(addresses, security=client_settings(credentials))
+        self.bus, addresses = open_bus(connect, credentials)
         try:
             self.name, found = find_axes(self.bus, base, name, addresses)
             missing = [axis for axis in axes or () if axis not in found]

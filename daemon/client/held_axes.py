@@ -230,6 +230,9 @@ class HeldAxes(Closing):
                 client.renew()
         else:
             return
+        self._repeat_after(now_ns)
+
+    def _repeat_after(self, now_ns: int) -> None:
         self._repeat_ns = now_ns + round(self._stale_s / REPEATS * clock.NS)
 
     def _check_reach(self, axis: str, low: float, high: float) -> None:
@@ -269,7 +272,7 @@ class HeldAxes(Closing):
         for axis, value in targets.items():
             self._held[axis] = value
             self._views.expect(axis, value)
-        self._repeat_ns = clock.monotonic_ns() + round(self._stale_s / REPEATS * clock.NS)
+        self._repeat_after(clock.monotonic_ns())
 
     def _stay_here(self, group: Group) -> None:
         """Hold the axes that were held at the position that the model now predicts."""
@@ -333,7 +336,7 @@ class HeldAxes(Closing):
             self._listen(0.0)
             if others and clock.monotonic_ns() >= self._repeat_ns:
                 group.send(others, allow_unreachable=True)
-                self._repeat_ns = clock.monotonic_ns() + round(self._stale_s / REPEATS * clock.NS)
+                self._repeat_after(clock.monotonic_ns())
 
         why = ""
         try:

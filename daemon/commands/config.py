@@ -13,7 +13,7 @@ from dehyst.daemon.config.text import (
 )
 from dehyst.daemon.files.known_units import ACTUATOR, SENSOR
 from dehyst.daemon.files.models import write_text
-from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.files.outputs import add_force, check_outputs, report_failures
 from dehyst.daemon.loop.checks import check_unopened
 from dehyst.daemon.service.pin import pin_units, with_serial
 from dehyst.models.errors import BadInput
@@ -136,10 +136,8 @@ def run(args: argparse.Namespace) -> int:
             f"{args.output}: exists already; choose another name, or --force replaces it"
         )
     check_outputs([args.output], [], args.force)
-    try:
+    with report_failures(args.output):
         write_text(args.output, text)
-    except OSError as error:
-        raise BadInput(f"{args.output}: cannot be written: {error.strerror or error}") from None
     return 0
 
 

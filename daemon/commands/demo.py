@@ -110,10 +110,10 @@ def _run(args: argparse.Namespace) -> int:
         print(f"  picture: {picture}")
     if story is not None:
         codes.append(_tell_story(story, args.output / "story.png", facts, quiet=args.json))
-    facts["exit"] = join_acts(codes)
+    facts["exit"] = code = join_acts(codes)
     if args.json:
         print(json.dumps(facts))
-    return join_acts(codes)
+    return code
 
 
 def _tell_story(story: "Story", picture: Path, facts: dict[str, Any], quiet: bool) -> int:

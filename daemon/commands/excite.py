@@ -9,7 +9,7 @@ from dehyst.daemon.config import load_config
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_given
 from dehyst.daemon.files.models import load_model
-from dehyst.daemon.files.outputs import add_force, check_outputs, whole_file
+from dehyst.daemon.files.outputs import add_force, check_outputs, report_failures, whole_file
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.daemon.json_text import print_json
 from dehyst.models.drive_design.coverage import Coverage, measure_coverage
@@ -208,11 +208,8 @@ def _picture(covered: Coverage, unit: str, path: Path | None) -> None:
         partial(covers.draw_drive_and_rate, covered, unit),
         partial(covers.draw_loop_sizes, covered),
     )
-    try:
-        with whole_file(path) as file:
-            file.write(draw_side_by_side(draws, (1.2, 1.0)))
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
+    with report_failures(path), whole_file(path) as file:
+        file.write(draw_side_by_side(draws, (1.2, 1.0)))
 
 
 def _separate(args: argparse.Namespace) -> int:

@@ -19,7 +19,7 @@ from dehyst.daemon.client.connection import (
 )
 from dehyst.daemon.client.group import Group
 from dehyst.daemon.files.foreign.reading import add_reading, reading_of
-from dehyst.daemon.files.outputs import check_outputs, file_of_axis
+from dehyst.daemon.files.outputs import check_outputs, file_of_axis, report_failures
 from dehyst.daemon.json_text import print_json
 from dehyst.models.errors import BadInput
 
@@ -314,11 +314,8 @@ def draw_learning(lessons: "Lessons", path: Path, unit: str) -> None:
 
     if not lessons.errors:
         return
-    try:
-        with whole_file(path) as file:
-            file.write(learning_picture(lessons.outcomes, lessons.errors, lessons.period_s, unit))
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
+    with report_failures(path), whole_file(path) as file:
+        file.write(learning_picture(lessons.outcomes, lessons.errors, lessons.period_s, unit))
     say(f"error by pass, before and after: {path}")
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from dehyst import __version__
 from dehyst.daemon.config import load_controller
 from dehyst.daemon.files.models import write_text
-from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.files.outputs import add_force, check_outputs, report_failures
 from dehyst.daemon.service.device_report import lines_of, report_devices
 from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.drivers.apt.link import USB_IDS as GAUGES
@@ -110,10 +110,8 @@ def run(args: argparse.Namespace) -> int:
         "exchanges": [exchange.to_dict() for exchange in found.exchanges],
     }
     if args.output:
-        try:
+        with report_failures(args.output):
             write_text(args.output, json.dumps(fixture, indent=1) + "\n")
-        except OSError as error:
-            raise BadInput(f"{args.output}: cannot be written: {error.strerror}") from None
     if args.json:
         facts = {"port": path, "unit": found.unit, **found.facts, "timings": found.timings}
         print(json.dumps(facts, indent=2))

@@ -144,7 +144,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         args.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise BadInput(f"{args.folder}: cannot be made: {error.strerror}") from None
+        raise BadInput(f"{args.folder}: cannot be made: {error.strerror or error}") from None
     with ExitStack() as held:
         journal = Journal(args.folder)
         known = journal.result("units").get("axes", ()) if journal.done("units") else ()

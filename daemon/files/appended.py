@@ -6,8 +6,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
+from dehyst.daemon.files.outputs import report_failures
 from dehyst.drivers import system
-from dehyst.models.errors import BadInput, DehystError
+from dehyst.models.errors import DehystError
 
 
 class RecordingFailed(DehystError):
@@ -33,12 +34,10 @@ class AppendedFile:
         self.path = path
         self.size = 0
         """Bytes that are in the file."""
-        try:
+        with report_failures(path):
             existing = os.O_TRUNC if replace else os.O_EXCL
             kind = os.O_WRONLY | os.O_CREAT | system.CLOSE_ON_EXEC | system.BINARY
             self._file = os.open(path, kind | existing, 0o644)
-        except OSError as error:
-            raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
 
     def write(self, data: bytes, end: bytes = b"", rows: int = 0) -> int:
         """Append data, and return its length. end: bytes after which the file may be cut if not all

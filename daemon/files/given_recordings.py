@@ -13,8 +13,8 @@ from dehyst.daemon.files.foreign.reading import reading_of
 from dehyst.daemon.files.recordings import read_recording, read_recordings
 from dehyst.daemon.files.times import doubt_seconds
 from dehyst.daemon.printable import printable
-from dehyst.models.modelfile import UNIT_NAMES
 from dehyst.models.recording import Floats, Recording
+from dehyst.models.units import UNIT_NAMES
 
 
 def read_given(

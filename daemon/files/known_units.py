@@ -15,6 +15,7 @@ import msgspec
 
 from dehyst.daemon.config import Config
 from dehyst.daemon.files.models import write_text
+from dehyst.daemon.files.outputs import report_failures
 from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.daemon.prepared import resolve_classes
 from dehyst.daemon.rings.run_folder import make_run_folder
@@ -58,13 +59,11 @@ def read_units(config: Config) -> dict[str, UnitIdentity]:
 def write_units(config: Config, units: dict[str, UnitIdentity]) -> None:
     """Store these units. Raises NotNow if they cannot be written, BadInput for a bad run folder."""
     path = units_file(config)
-    try:
+    with report_failures(path, NotNow):
         if path.parent == config.directory:
             make_run_folder(path.parent)
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         write_text(path, msgspec.json.format(msgspec.json.encode(units)).decode() + "\n")
-    except OSError as error:
-        raise NotNow(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def forget_unit(config: Config, which: str) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from dehyst.daemon.files.outputs import whole_file
+from dehyst.daemon.files.outputs import report_failures, whole_file
 from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.daemon.prepared import resolve_classes
 from dehyst.models.errors import BadInput
@@ -65,8 +65,5 @@ def read_learned(path: Path, model: str, trajectory: str, unit: str, n: int) -> 
 
 def write_learned(path: Path, learned: Learned) -> None:
     """Write the file, completely or not at all. Raises BadInput."""
-    try:
-        with whole_file(path) as file:
-            file.write(msgspec.json.encode(learned))
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
+    with report_failures(path), whole_file(path) as file:
+        file.write(msgspec.json.encode(learned))

@@ -34,7 +34,7 @@ from dehyst.daemon.files.foreign.text import read_text_table
 from dehyst.daemon.files.foreign.understand import understand
 from dehyst.daemon.files.mcap_file import read_mcap
 from dehyst.daemon.files.sidecar import read_notes
-from dehyst.daemon.files.unfinished import is_unfinished_npz, read_whole_part
+from dehyst.daemon.files.unfinished import is_unfinished_npz, not_finished, read_whole_part
 from dehyst.daemon.printable import printable
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Floats
@@ -253,10 +253,7 @@ def _read_npy(path: Path) -> Sheet:
 def _read_npz(path: Path) -> tuple[dict[str, Any], list[str]]:
     """Return the arrays by name, and the names of those that hold Python objects."""
     if is_unfinished_npz(path):
-        raise BadRecording(
-            f"{path.name}: its writer did not finish (it was killed, or the disk was full); "
-            f"dehyst convert --unfinished {path.name} whole.npz recovers the complete part"
-        )
+        raise not_finished(path)
     if not zipfile.is_zipfile(path):
         raise BadRecording(f"{path.name}: not an .npz file")
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from dehyst import __version__
 from dehyst.daemon.files.appended import AppendedFile, RecordingFailed
 from dehyst.daemon.files.number_text import number_texts
+from dehyst.daemon.files.unfinished import not_finished
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Floats
 
@@ -232,10 +233,7 @@ def _require_end(path: Path, file: BinaryIO, unfinished: bool) -> None:
     ends = file.read() == MAGIC
     file.seek(0)
     if begins and not ends and not unfinished:
-        raise BadRecording(
-            f"{path.name}: its writer did not finish (it was killed, or the disk was full); "
-            f"dehyst convert --unfinished {path.name} whole.mcap recovers the complete part"
-        )
+        raise not_finished(path)
 
 
 def _append(path: Path, columns: dict[str, "array[float]"], row: Any, number: int) -> None:

@@ -4,7 +4,7 @@ all."""
 import os
 from pathlib import Path
 
-from dehyst.daemon.files.outputs import whole_file
+from dehyst.daemon.files.outputs import report_failures, whole_file
 from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.models.errors import BadModel
 from dehyst.models.model import Model
@@ -41,7 +41,5 @@ def write_text(path: str | Path, text: str) -> None:
 
 def save_model(model: Model, path: str | Path) -> None:
     """Write a model as TOML, atomically. Raises BadModel if the file cannot be written."""
-    try:
+    with report_failures(path, BadModel):
         write_text(path, dumps(model))
-    except OSError as error:
-        raise BadModel(f"{path}: cannot be written: {error.strerror or error}") from None

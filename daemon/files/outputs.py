@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from dehyst.drivers import system
-from dehyst.models.errors import BadInput
+from dehyst.models.errors import BadInput, DehystError
 
 RECORDINGS = (
     ".csv", ".csv.gz", ".txt", ".dat", ".tsv", ".lvm", ".npz", ".npy", ".mcap", ".mat", ".h5",
@@ -76,6 +76,15 @@ def _same(path: Path, other: Path) -> bool:
         return os.path.samefile(path, other)
     except OSError:  # one of them does not exist yet
         return path.resolve() == other.resolve()
+
+
+@contextmanager
+def report_failures(path: str | Path, kind: type[DehystError] = BadInput) -> Iterator[None]:
+    """Raise `kind`, which names the file and the reason, if it cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from dehyst.daemon.files.outputs import notes_path
+from dehyst.daemon.files.outputs import notes_path, report_failures
 from dehyst.models.errors import BadInput
 
 SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
@@ -83,10 +83,8 @@ class Pieces:
     def _found(self) -> dict[int, Path]:
         """Return the pieces of this name in the folder, by number."""
         shape = re.compile(re.escape(self._stem) + r"-(\d{5,})" + re.escape(self._suffix))
-        try:
+        with report_failures(self._path):
             names = [path.name for path in self._path.parent.iterdir()]
-        except OSError as error:
-            raise BadInput(f"{self._path}: cannot be written: {error.strerror}") from None
         matches = [found for name in names if (found := shape.fullmatch(name))]
         return {int(found[1]): self._path.with_name(found[0]) for found in matches}
 

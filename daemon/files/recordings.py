@@ -24,12 +24,12 @@ from dehyst.daemon.files.foreign.reading import AS_IT_IS, ReadOptions
 from dehyst.daemon.files.loading import SUFFIXES, Loaded, load_columns, understand_columns
 from dehyst.daemon.files.mcap_file import write_mcap
 from dehyst.daemon.files.number_text import number_texts
-from dehyst.daemon.files.outputs import whole_file
+from dehyst.daemon.files.outputs import report_failures, whole_file
 from dehyst.daemon.files.sidecar import write_notes
 from dehyst.daemon.files.times import Times, doubt_seconds, repair_times
 from dehyst.models.errors import BadRecording
-from dehyst.models.modelfile import UNIT_NAMES
 from dehyst.models.recording import Floats, Recording, Trajectory
+from dehyst.models.units import UNIT_NAMES
 
 WRITTEN = (".csv", ".csv.gz", ".npz", ".mcap")
 MEASURED_FIRST = sorted(UNIT_NAMES, key=lambda unit: unit in ("v", "counts"))
@@ -258,7 +258,7 @@ def write_recording(
     if not path.name.endswith(WRITTEN):
         raise BadRecording(f"{path.name}: unknown kind of file; {', '.join(WRITTEN)} are written")
     lines = (line.encode() for line in _csv_lines(table))
-    try:
+    with report_failures(path, BadRecording):
         with whole_file(path) as file:
             if path.suffix == ".npz":
                 arrays: dict[str, Any] = {**table}
@@ -273,8 +273,6 @@ def write_recording(
                 file.writelines(lines)
         if path.suffix in (".csv", ".gz"):
             write_notes(path, metadata or {})
-    except OSError as error:
-        raise BadRecording(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _csv_lines(table: Mapping[str, Any]) -> Iterable[str]:

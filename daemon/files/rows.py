@@ -23,6 +23,7 @@ from dehyst.daemon.files.appended import AppendedFile, RecordingFailed
 from dehyst.daemon.files.csv_table import MOST_BYTES
 from dehyst.daemon.files.mcap_file import McapRows
 from dehyst.daemon.files.number_text import number_texts
+from dehyst.daemon.files.outputs import report_failures
 from dehyst.daemon.files.recordings import WRITTEN, write_recording
 from dehyst.daemon.files.sidecar import write_notes
 from dehyst.daemon.files.unfinished import read_blocks
@@ -69,7 +70,7 @@ def open_rows(
     BadInput if the file cannot be created."""
     check_kind(path)
     file = AppendedFile(path, replace)
-    try:
+    with report_failures(path):
         if path.suffix == ".mcap":
             return McapRows(file, names, notes)
         if path.suffix == ".npz":
@@ -77,8 +78,6 @@ def open_rows(
         rows = CsvRows(file, names, path.suffix == ".gz")
         write_notes(path, notes)
         return rows
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
 
 
 class CsvRows:

@@ -7,8 +7,8 @@ from pathlib import Path
 from dehyst.daemon.files.foreign.reading import AS_IT_IS, ReadOptions
 from dehyst.daemon.files.recordings import read_columns, read_trajectory
 from dehyst.models.errors import BadRecording
-from dehyst.models.modelfile import UNIT_NAMES
 from dehyst.models.recording import Trajectory
+from dehyst.models.units import UNIT_NAMES
 
 OF_AXIS = re.compile(rf"target_([a-z0-9]{{1,8}})_({'|'.join(UNIT_NAMES)})")
 

@@ -23,6 +23,15 @@ BLOCK = 1 << 20
 NPZ_BLOCK = b"\x93NUMPY"
 
 
+def not_finished(path: Path) -> BadRecording:
+    """Return the error for a recording whose writer did not finish."""
+    return BadRecording(
+        f"{path.name}: its writer did not finish (it was killed, or the disk was full); "
+        f"dehyst convert --unfinished {path.name} whole{path.suffix.lower()} recovers the complete "
+        "part"
+    )
+
+
 def is_unfinished_npz(path: Path) -> bool:
     """Return whether a file consists of the blocks of an unfinished .npz."""
     with path.open("rb") as file:

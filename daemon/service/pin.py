@@ -7,6 +7,7 @@ from typing import Any
 from dehyst.daemon.config import Config, Controller
 from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, write_units
 from dehyst.daemon.files.models import write_text
+from dehyst.daemon.files.outputs import report_failures
 from dehyst.daemon.loop.checks import LAST, LEFT
 from dehyst.daemon.rings import run_folder
 from dehyst.drivers.interface import DriverError, Identifiable, UnitIdentity
@@ -69,10 +70,8 @@ def _replace_serial(path: Path, old: str, new: str) -> None:
     changed = pattern.sub(lambda m: f"{m[1]}{m[2]}{new}{m[2]}", text)
     if changed == text:
         raise BadInput(f"{path}: {SERIAL} = {old!r} was not found; set it to {new!r} by hand")
-    try:
+    with report_failures(path):
         write_text(path, changed)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def with_serial(which: str, driver: str, settings: dict[str, Any]) -> dict[str, Any]:

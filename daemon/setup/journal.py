@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.files.models import write_text
+from dehyst.daemon.files.outputs import report_failures
 from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.models.errors import BadInput
 
@@ -70,7 +71,5 @@ class Journal:
 
     def _write(self) -> None:
         text = json.dumps({"format": FORMAT, "steps": self._steps}, indent=1, allow_nan=False)
-        try:
+        with report_failures(self._path):
             write_text(self._path, text + "\n")
-        except OSError as error:
-            raise BadInput(f"{self._path}: cannot be written: {error.strerror or error}") from None

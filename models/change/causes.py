@@ -8,7 +8,6 @@ parameters are fitted: each candidate of the library alone, around the model in 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dehyst.models.change.replay import with_blocks
 from dehyst.models.diagnosis.base import no_base
 from dehyst.models.diagnosis.data.excerpt import excerpt
 from dehyst.models.diagnosis.data.noise import noise_rms
@@ -21,7 +20,7 @@ from dehyst.models.diagnosis.search import search_one_more
 from dehyst.models.errors import BadInput
 from dehyst.models.identify.validation import validate
 from dehyst.models.model import Model
-from dehyst.models.physics import changes_alone
+from dehyst.models.physics import changes_alone, with_blocks
 from dehyst.models.recording import Recording
 
 SHORTLIST = 6

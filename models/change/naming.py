@@ -11,10 +11,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from dehyst.models.change.causes import Cause, WeighedCause
-from dehyst.models.change.replay import with_blocks
 from dehyst.models.diagnosis import Finding
 from dehyst.models.model import Model
-from dehyst.models.physics import KINDS
+from dehyst.models.physics import KINDS, with_blocks
 
 EXPLAINED = 0.15  # largest fraction of the new power that a single change may leave
 WEAK = 0.25  # a change removes at least this fraction of what the best cause alone removes

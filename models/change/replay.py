@@ -1,17 +1,13 @@
 """Compare an offered model with the one in use on telemetry to which neither was fitted."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dehyst.models.identify.validation import validate
-from dehyst.models.model import Block, Model
-from dehyst.models.physics import KINDS
+from dehyst.models.model import Model
 from dehyst.models.recording import Recording
 
-PLACES = {"drive": 0.0, "stage": 1.0, "sensor": 2.0}
-PARALLEL = 0.5
 ROUNDS, CLOSE = 4, 0.02
 """Largest number of steps towards the wanted zero, and the relative error at which they end."""
 
@@ -59,15 +55,3 @@ def keep_zero(in_use: Model, offered: Model, recording: Recording) -> Model:
         gain *= (shift - left) / shift  # later blocks act on the constant as well
         shift = left
     return model
-
-
-def with_blocks(model: Model, blocks: Iterable[Block]) -> Model:
-    """Return the model with further blocks: drive blocks before its own, the others after them."""
-    added = list(blocks)
-    before = [b for b in added if b.place == "drive"]
-    behind = [b for b in added if b.place != "drive"]
-
-    def rank(block: Block) -> float:
-        return PARALLEL if KINDS[block.kind].is_parallel else PLACES[block.place]
-
-    return replace(model, blocks=tuple(sorted([*before, *model.blocks, *behind], key=rank)))

@@ -14,7 +14,7 @@ import numpy as np
 
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.model import Model
-from dehyst.models.physics import coupled
+from dehyst.models.physics import coupled, with_blocks
 from dehyst.models.recording import AXIS_CHANNEL, Bools, Floats, Recording
 from dehyst.models.signals.filters import plays
 
@@ -94,9 +94,8 @@ def without_rests(recording: Recording) -> Recording:
 def with_couplings(model: Model, couplings: Sequence[Coupled]) -> Model:
     """Return the model with a block for each coupling, before those of the sensor."""
     unit = model.displacement_unit
-    blocks = [coupled(unit, one.gain, one.reference, one.channel) for one in couplings]
-    own = [b for b in model.blocks if b.place != "sensor"]
-    return replace(model, blocks=(*own, *blocks, *model.blocks[len(own) :]))
+    blocks = (coupled(unit, one.gain, one.reference, one.channel) for one in couplings)
+    return with_blocks(model, blocks)
 
 
 class _Rest:

@@ -21,7 +21,7 @@ from dehyst.models.physics.dynamics import DELAY, LAG, SECOND, Dynamics
 from dehyst.models.recording import Bools, Floats
 
 PLACES = ("drive", "sensor")
-GOLDEN = 0.381966
+GOLDEN = (3.0 - 5.0**0.5) / 2.0
 DELAYS = (0.5, 1.5, 5.0, 15.0)  # sampling periods
 LAGS = (0.5, 3.0, 12.0, 40.0, 120.0, 360.0)  # sampling periods
 

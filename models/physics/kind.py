@@ -16,8 +16,8 @@ import numpy as np
 from dehyst.models.errors import BadModel
 from dehyst.models.model import Block, Floats
 from dehyst.models.physics.address import Kernel, call_kernel, fields
+from dehyst.models.units import UNIT_NAMES
 
-UNITS = ("v", "um", "nm", "counts", "mrad", "urad")
 SAME = 1e-9  # relative difference below which two sampling intervals count as equal
 STATES = 3  # equal parts of the state of a kind with Led.solve: forward, inverse, inverse one later
 NOTHING = fields()  # the state of a block without memory
@@ -42,7 +42,7 @@ class Param:
 
     def matches(self, key: str, drive_unit: str = "", displacement_unit: str = "") -> bool:
         """Return whether `key` is this parameter in the given units ("": any unit)."""
-        every = "(" + "|".join(UNITS) + ")"
+        every = "(" + "|".join(UNIT_NAMES) + ")"
         pattern = re.escape(self.key)
         pattern = pattern.replace(r"\{u\}", drive_unit or every)
         pattern = pattern.replace(r"\{y\}", displacement_unit or every)

@@ -12,7 +12,7 @@ import numpy as np
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
-from dehyst.models.physics.delay import ahead, lead_before
+from dehyst.models.physics.delay import OF_A_SAMPLE, ahead, lead_before
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import SAME, Kind, Led, Param, head_record
 from dehyst.models.signals.filters import lag_step, lowpass, second_order
@@ -54,11 +54,6 @@ KIND = Kind(
     start=_start,
     inverse=Led(lambda p: (p[0], 0.0)),
 )
-
-
-OF_A_SAMPLE = 0.1
-"""Uncertainty of a time in samples: the drive between two samples is unknown
-(tests/benchmarks/models/proof: of 11 intervals the 4 that missed were off by up to 0.06)."""
 
 
 class Lag(Candidate):
@@ -125,7 +120,7 @@ class Lag(Candidate):
 
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         tau = sum(v for v, _ in values.values())
-        corner = 1.0 / (6.283185 * tau)
+        corner = 1.0 / (2.0 * math.pi * tau)
         if self.place == "drive":
             return (
                 f"The amplifier follows with a time constant of {1e3 * tau:.3g} ms (corner "
@@ -180,8 +175,8 @@ class Servo(Candidate):
         f, z = values["corner_hz"][0], values["damping"][0]
         return (
             f"The reading follows through a lag of second order (corner {f:.3g} Hz, damping "
-            f"{z:.2g}; {2e3 * z / (6.283185 * f):.3g} ms after slow moves), as a position servo "
-            "or a steep filter does."
+            f"{z:.2g}; {2e3 * z / (2.0 * math.pi * f):.3g} ms after slow moves), as a position "
+            "servo or a steep filter does."
         )
 
 

@@ -12,10 +12,12 @@ A file with physics defines PHYSICS (see `dehyst.models.physics.entry`): to add 
 
 import importlib
 import pkgutil
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from dehyst.models.errors import BadModel
-from dehyst.models.model import Block
+from dehyst.models.model import Block, Model
 from dehyst.models.physics.candidate import Candidate
 from dehyst.models.physics.entry import Physics
 from dehyst.models.physics.kind import Kind
@@ -67,3 +69,16 @@ def check_block(block: Block, drive_unit: str = "", displacement_unit: str = "")
     if block.channel and not kind.channel:
         raise BadModel(f"channel: kind {kind.name!r} reads no channel")
     kind.values(block, drive_unit, displacement_unit)
+
+
+def with_blocks(model: Model, blocks: Iterable[Block]) -> Model:
+    """Return the model with further blocks, in the order of the cascade: drive blocks before its
+    own, the others after them."""
+    added = list(blocks)
+    before = [b for b in added if b.place == "drive"]
+    behind = [b for b in added if b.place != "drive"]
+
+    def rank(block: Block) -> float:
+        return 0.5 if KINDS[block.kind].is_parallel else PLACES.index(block.place)
+
+    return replace(model, blocks=tuple(sorted([*before, *model.blocks, *behind], key=rank)))

@@ -123,7 +123,7 @@ KIND = Kind(
     inverse=Led(_lead, solve, _is_solved),
 )
 
-MIRRORED = 0.8
+MIRRORED = 0.8  # weight of a mode above half the sampling rate against its mirror below it
 HIGHEST_EXCLUDED = 0.25  # of the sampling rate: how much the drive between two samples excites
 # higher modes is unknown
 RINGS_WITHIN = 3.0

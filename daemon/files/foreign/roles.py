@@ -14,7 +14,7 @@ from dehyst.daemon.files.foreign.units import (
     read_heading,
     split_heading,
 )
-from dehyst.models.modelfile import UNIT_NAMES
+from dehyst.models.units import UNIT_NAMES
 
 NAMES = {"t": "time", "u": "drive", "y": "displacement", "target": "target"}
 PLAIN, BY_WORD, BY_UNIT = 3, 2, 1

@@ -34,8 +34,8 @@ from dehyst.daemon.files.foreign.units import (
     states_factor,
 )
 from dehyst.models.errors import BadRecording
-from dehyst.models.modelfile import UNIT_NAMES
 from dehyst.models.recording import Floats
+from dehyst.models.units import UNIT_NAMES
 
 DATES, DATE_STEP = ((30_000.0, 80_000.0), (700_000.0, 750_000.0)), 2e-5
 """Serial dates of spreadsheets and of MATLAB in this century [days], and more than their step at

@@ -14,6 +14,7 @@ from dehyst.daemon.config.drives import drive_range
 from dehyst.daemon.files.chosen import choose_model
 from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, open_known
 from dehyst.daemon.files.models import load_model, write_text
+from dehyst.daemon.files.outputs import report_failures
 from dehyst.daemon.loop.checks import (
     REPLAY_SAMPLES,
     check_limits,
@@ -304,13 +305,11 @@ class AxisCore:
         text = dumps(model)
         digest = model_digest(text)
         path = model_file(self.config.directory, digest)
-        try:
+        with report_failures(path, NotNow):
             old = sorted(path.parent.glob("model-*.toml"), key=lambda p: p.stat().st_mtime_ns)
             for file in old[:-KEPT_MODELS]:
                 file.unlink()
             write_text(path, text)
-        except OSError as error:
-            raise NotNow(f"{path}: cannot be written: {error.strerror or error}") from None
         return digest
 
     def _reported_model(self, model: Model, digest: str) -> ReportedModel:

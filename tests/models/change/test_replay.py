@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 from tests.models.mismatch.test_trial import NOISE, recording, stage
 
-from dehyst.models.change.replay import ReplayComparison, keep_zero, replay_both, with_blocks
+from dehyst.models.change.replay import ReplayComparison, keep_zero, replay_both
 from dehyst.models.identify.validation import validate
 from dehyst.models.model import Block
+from dehyst.models.physics import with_blocks
 
 
 def test_an_offer_must_improve_by_more_than_the_noise() -> None:

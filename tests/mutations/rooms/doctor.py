@@ -22,7 +22,7 @@ CHANGES = [
             "behaviour from before a change is attributed to the change",
         ),
         Change(
-            "blocks-in-any-order", REPLAY,
+            "blocks-in-any-order", "models/physics/registry.py",
             "tuple(sorted([*before, *model.blocks, *behind], key=rank))",
             "(*model.blocks, *before, *behind)",
             "a lag of the amplifier is compensated as a lag after the stage",
