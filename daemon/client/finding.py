@@ -68,6 +68,7 @@ def chosen_of(names: list[str], name: str | None) -> str | None:
 
 
 def not_chosen(names: list[str], name: str | None, where: str) -> str:
+    """Return why no daemon is selected: several answer, or none has this name."""
     if name is None:
         return (
             f"several daemons answer at {where}: {', '.join(names)}; choose one: --name {names[0]}"

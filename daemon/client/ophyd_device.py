@@ -123,7 +123,8 @@ class OphydStage(StandardReadable):
 
     @AsyncStatus.wrap
     async def complete(self) -> None:
-        """Wait for the end of the trajectory. Raises BadInput if it ended early or not begun."""
+        """Wait for the end of the trajectory. Raises BadInput if it ended early or was not
+        begun."""
         if self._flight is None:
             raise BadInput("nothing flies: kickoff comes before complete")
         flight, self._flight = self._flight, None

@@ -69,7 +69,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=Path,
         metavar="REC",
-        help="diagnose these recordings together instead",
+        help="check these recordings instead of designing a drive",
     )
     parser.add_argument(
         "--separate",

@@ -149,8 +149,8 @@ def run(args: argparse.Namespace) -> int:
         for name, values, at in zip(args.axes, (scan.x, scan.y), center, strict=True)
     }
     for name, one in axes.items():
-        if one.model.displacement_unit != args.unit:
-            raise BadInput(f"axis {name} is in {one.model.displacement_unit}: give --unit so")
+        if (unit := one.model.displacement_unit) != args.unit:
+            raise BadInput(f"axis {name} is in {unit}: give --unit {unit}")
     said = require_reach(axes, targets, period_s)
     if not axes:
         said.append("reach and slew are not checked: --config or --model gives them")

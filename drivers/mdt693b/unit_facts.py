@@ -75,7 +75,7 @@ def learn(link: Mdt693bLink, axis: str, max_v: float | None) -> UnitFacts:
 
 
 def check_model(path: str, kind: str, wanted: str) -> None:
-    """Raise ForeignUnit if a model is wanted and the unit reports another one."""
+    """Raise ForeignUnit if a model is configured and the unit reports another one."""
     if not kind.startswith(wanted):
         raise ForeignUnit(
             f"{path}: the unit is an {kind}, but the configuration asks for an {wanted}; use the "

@@ -266,7 +266,8 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
         beyond += int(np.count_nonzero(one.use & ~slow))
         far = _find_far_outside(one.y)
         if far.any():
-            notes.append(f"{one.name}: {np.count_nonzero(far)} displacements far outside the rest")
+            left = f"{np.count_nonzero(far)} displacements far outside the rest were left out"
+            notes.append(f"{one.name}: {left}")
         allowed.append(one.use & slow & ~far)
     if beyond:
         rows_were = "row was" if beyond == 1 else "rows were"
@@ -281,7 +282,9 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
         picks = allowed
         if not virgin:
             running = _find_running_offset(rows[0].u, high - low)
-        notes.append("the drive reaches its full range late; its state at the start is guessed")
+        notes.append(
+            "the drive reaches its full range late; the stage's state at the start is assumed"
+        )
     count = sum(int(np.count_nonzero(p)) for p in picks)
     if count < TUNING.fewest_rows:
         raise BadRecording(f"{rows[0].name}: {count} usable rows are too few to identify from")

@@ -120,7 +120,7 @@ def validate(model: Model, recording: Recording) -> Validation:
     channels = {}
     for name in channels_of(model):
         if name not in recording.channels:
-            raise BadInput(f"{recording.name}: the model reads the channel {name}, it is absent")
+            raise BadInput(f"{recording.name}: the model reads the channel {name}, which is absent")
         known &= ~np.isnan(recording.channels[name])
     if int(np.count_nonzero(known & ~recording.missing_displacement)) < 2 * LAGS:
         raise BadInput(f"{recording.name}: too few rows have all that the model reads")
