@@ -182,7 +182,7 @@ class HeldAxes(Closing):
         try:
             job = self._jobs.get_nowait()
         except queue.Empty:
-            job = lambda _: None  # noqa: E731
+            job = _do_nothing
         if job is None:
             return False
         try:
@@ -382,3 +382,7 @@ def _wait_for(done: "Future[None]") -> None:
         done.result(ANSWER_S)  # it has begun
     except TimeoutError:
         raise NotNow(late) from None
+
+
+def _do_nothing(_: Group) -> None:
+    """Job of a turn for which none was given."""

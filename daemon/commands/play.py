@@ -223,7 +223,10 @@ def learn_of(
 
     def course(axis: str, client: "Client") -> Course:
         head, unit = f"{axis}: " if axis else "", client.status().unit
-        report = lambda one: say(head + describe_pass(one, unit))  # noqa: E731
+
+        def report(one: "Outcome") -> None:
+            say(head + describe_pass(one, unit))
+
         return Course(
             client, t_s, targets[axis], args.repeat, learned[axis], report, args.gauge_filter_s
         )
@@ -257,7 +260,7 @@ def offsets_of(given: str, axes: Iterable[str]) -> dict[str, float]:
             value = math.nan
         if axis not in out or not math.isfinite(value) or bool(equals) is (names == [""]):
             wanted = "a number" if names == [""] else f"{names[0]}=1.5,{names[-1]}=-2"
-            raise BadInput(f"--offset-um {given}: {wanted} is wanted")
+            raise BadInput(f"--offset-um {given}: write {wanted}")
         out[axis] = value
     return out
 

@@ -6,7 +6,6 @@ the line before and overshoots its end by v T / pi; spiral and Lissajous figure 
 their own path.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,8 +139,10 @@ def _run_through(length_s: float, ramp_s: float, period_s: float) -> tuple[Float
     whole_s = length_s + ramp_s
     t = _times(whole_s, period_s)
     rise, fall = np.clip(t / ramp_s, 0.0, 1.0), np.clip((whole_s - t) / ramp_s, 0.0, 1.0)
-    # the integral of (1 - cos(pi s)) / 2
-    gathered: Callable[[Floats], Floats] = lambda s: 0.5 * (s - np.sin(np.pi * s) / np.pi)  # noqa: E731
+
+    def gathered(s: Floats) -> Floats:  # the integral of (1 - cos(pi s)) / 2
+        return 0.5 * (s - np.sin(np.pi * s) / np.pi)
+
     along = ramp_s * gathered(rise) + np.clip(t - ramp_s, 0.0, whole_s - 2 * ramp_s)
     along += ramp_s * (0.5 - gathered(fall))
     return np.minimum(along, length_s), (rise >= 1.0) & (fall >= 1.0)

@@ -5,6 +5,9 @@ from pathlib import Path
 
 import pytest
 from tests.rigs.gateway_bench import Bench, started_bench
+from tests.rigs.stage_model import kept_model
+
+from dehyst.daemon.files.models import save_model
 
 
 @pytest.fixture
@@ -31,3 +34,11 @@ def shared(bench_of_module: Bench) -> Bench:
     when the test begins, but not new."""
     bench_of_module.rest()
     return bench_of_module
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of the stage's model."""
+    path = tmp_path_factory.mktemp("model") / "model.toml"
+    save_model(kept_model(), path)
+    return path

@@ -25,7 +25,7 @@ from dehyst.daemon.config import Config, load_config
 from dehyst.daemon.gateway.core_rings import LAYOUTS
 from dehyst.daemon.rings.records import State
 from dehyst.daemon.rings.ring import Ring
-from dehyst.models.errors import BadInput
+from dehyst.models.errors import BadInput, DehystError
 
 ROOT = Path(__file__).resolve().parents[2]
 T = TypeVar("T")
@@ -48,6 +48,21 @@ def wait_until(what: str, check: Callable[[], bool], timeout_s: float = 60.0) ->
         if time.monotonic() > end:
             pytest.fail(f"did not happen within {timeout_s:g} s: {what}")
         time.sleep(0.01)
+
+
+def answering(port: int, what: str = "the gateway answers") -> Client:
+    """Return a client of the controller `test` as soon as its gateway answers."""
+    found: list[Client] = []
+
+    def answers() -> bool:
+        try:
+            found.append(Client("test", f"tcp/127.0.0.1:{port}"))
+        except DehystError:
+            return False
+        return True
+
+    wait_until(what, answers, 120.0)
+    return found[0]
 
 
 class Core:

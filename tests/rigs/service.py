@@ -5,9 +5,8 @@ import signal
 import subprocess
 import time
 from pathlib import Path
-from typing import Any
 
-from tests.rigs.gateway_bench import free_port
+from tests.rigs.gateway_bench import answering, free_port
 from tests.rigs.processes import DTYPES, EmulatedBench, Rings, dehyst, until
 
 from dehyst.daemon.client.client import Client
@@ -73,17 +72,7 @@ class Service:
 
     def client(self) -> Client:
         """Return a client as soon as the gateway answers."""
-        found: list[Client] = []
-
-        def there() -> Any:
-            try:
-                found.append(Client("test", f"tcp/127.0.0.1:{self.port}"))
-            except DehystError:
-                return False
-            return True
-
-        until(there, 120.0, f"the gateway\n{self.words()}")
-        return found[0]
+        return answering(self.port, f"the gateway answers\n{self.words()}")
 
     def end(self, number: int = signal.SIGTERM, timeout_s: float = 60.0) -> int:
         """Send a signal to the supervisor; return its exit code."""

@@ -13,7 +13,6 @@ to it are not judged. Exit status: see tests/benchmarks/bars.py.
 
 import argparse
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -23,6 +22,7 @@ from pathlib import Path
 import numpy as np
 from tests.benchmarks.bars import Bars, too_busy
 from tests.benchmarks.daemon.deadline_parts import Core, Window, measure
+from tests.rigs.gateway_bench import free_port
 
 from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.session import Bus
@@ -31,12 +31,6 @@ from dehyst.daemon.rings.records import TELEMETRY
 
 LOADS = ("idle", "cpu", "subscribers", "gateway", "served", "doctor")
 RATIO_BAR, MISSED_BAR, START_BAR_S = 1.2, 1e-4, 3.0
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def row(window: Window) -> str:

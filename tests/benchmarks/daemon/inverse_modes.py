@@ -16,7 +16,6 @@ daemon, and every two modes that clearly differ offline differ in the same direc
 import argparse
 import json
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -29,6 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from tests.benchmarks.bars import Bars
+from tests.rigs.gateway_bench import free_port
 
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.config import load_config
@@ -152,13 +152,6 @@ def offline(model: Model, mode: str, seconds: float) -> list[float]:
         volts[i] = state.drive
         c.applied(state, volts[i])
     return rms_nm(answers(volts)[approach.size :] - target, judged)
-
-
-def free_port() -> int:
-    """Return a free port on loopback."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def start(*arguments: str) -> "subprocess.Popen[bytes]":

@@ -11,14 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tests.rigs.gateway_bench import free_port, wait_until, wait_until_heard
+from tests.rigs.gateway_bench import answering, free_port, wait_until, wait_until_heard
 from tests.rigs.processes import dehyst, end, simulated_config
 from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon import clock
 from dehyst.daemon.client.client import Client, Refusal
 from dehyst.daemon.files.models import load_model, save_model
-from dehyst.models.errors import DehystError
 
 
 class Pair:
@@ -51,17 +50,7 @@ class Pair:
         process.communicate(timeout=30)
 
     def client(self) -> Client:
-        found: list[Client] = []
-
-        def there() -> bool:
-            try:
-                found.append(Client("test", f"tcp/127.0.0.1:{self.port}"))
-            except DehystError:
-                return False
-            return True
-
-        wait_until("the gateway answers", there, 120.0)
-        return found[0]
+        return answering(self.port)
 
     def close(self) -> None:
         for process in self.running.values():

@@ -11,7 +11,6 @@ import pytest
 from tests.rigs.gateway_bench import STANDSTILL_S, longest_pause_s, skipped
 from tests.rigs.output import check_range, check_speed, during
 from tests.rigs.processes import SLEW, EmulatedBench, Rings, core, dehyst, simulated_config, until
-from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.rings.records import Flag, LoopCommand, MissCause, State
@@ -19,13 +18,6 @@ from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Block
-
-
-@pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("model") / "model.toml"
-    save_model(kept_model(), path)
-    return path
 
 
 @pytest.fixture

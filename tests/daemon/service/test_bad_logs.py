@@ -4,26 +4,12 @@ stderr lead."""
 import os
 import signal
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from tests.rigs.bad_logs import BAD_LOGS
 from tests.rigs.processes import dehyst, until
 from tests.rigs.service import SAFE_V, Service
-from tests.rigs.stage_model import kept_model
-
-from dehyst.daemon.files.models import save_model
-
-
-@pytest.fixture
-def service(tmp_path: Path) -> Iterator[Service]:
-    save_model(kept_model(), tmp_path / "model.toml")
-    service = Service(tmp_path, tmp_path / "model.toml")
-    try:
-        yield service
-    finally:
-        service.close()
 
 
 @pytest.mark.parametrize("kind", BAD_LOGS)

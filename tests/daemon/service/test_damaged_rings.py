@@ -3,7 +3,6 @@ reported and the ring replaced, and the processes continue."""
 
 import os
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,22 +11,9 @@ import pytest
 from tests.rigs.gateway_bench import follows
 from tests.rigs.processes import dehyst, until
 from tests.rigs.service import SAFE_V, Service
-from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.client.client import Client
-from dehyst.daemon.files.models import save_model
 from dehyst.models.errors import DehystError
-
-
-@pytest.fixture
-def service(tmp_path: Path) -> Iterator[Service]:
-    model = tmp_path / "model.toml"
-    save_model(kept_model(), model)
-    service = Service(tmp_path, model)
-    try:
-        yield service
-    finally:
-        service.close()
 
 
 def sent(client: Client) -> bool:

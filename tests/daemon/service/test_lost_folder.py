@@ -4,26 +4,12 @@ import os
 import shutil
 import signal
 import time
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from tests.rigs.processes import until
 from tests.rigs.service import SAFE_V, Service
-from tests.rigs.stage_model import kept_model
 
-from dehyst.daemon.files.models import save_model
 from dehyst.daemon.service.heartbeat import CORE_HANG_S
-
-
-@pytest.fixture
-def service(tmp_path: Path) -> Iterator[Service]:
-    save_model(kept_model(), tmp_path / "model.toml")
-    service = Service(tmp_path, tmp_path / "model.toml")
-    try:
-        yield service
-    finally:
-        service.close()
 
 
 def test_the_loop_outlives_its_folder_and_the_gateway(service: Service) -> None:

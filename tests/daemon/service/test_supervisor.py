@@ -11,37 +11,18 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from tests.rigs.processes import core, dehyst, simulated_config, until
 from tests.rigs.service import SAFE_V, Service
-from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.config import load_config, load_controller
-from dehyst.daemon.files.models import save_model
 from dehyst.daemon.main import main
 from dehyst.daemon.rings.records import State
 from dehyst.daemon.service.supervisor import Supervisor
 
 UNITS = Path(__file__).resolve().parents[3] / "systemd"
-
-
-@pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("model") / "model.toml"
-    save_model(kept_model(), path)
-    return path
-
-
-@pytest.fixture
-def service(tmp_path: Path, model: Path) -> Iterator[Service]:
-    service = Service(tmp_path, model)
-    try:
-        yield service
-    finally:
-        service.close()
 
 
 def test_an_end_as_asked_ramps_and_ends_with_0(service: Service) -> None:

@@ -8,17 +8,8 @@ from pathlib import Path
 
 import pytest
 from tests.rigs.processes import EmulatedBench, Rings, core, dehyst, end, simulated_config, until
-from tests.rigs.stage_model import kept_model
 
-from dehyst.daemon.files.models import save_model
 from dehyst.daemon.rings.records import LoopCommand
-
-
-@pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("model") / "model.toml"
-    save_model(kept_model(), path)
-    return path
 
 
 def refusal(*arguments: str) -> str:

@@ -45,7 +45,7 @@ def test_nothing_crashes_it_and_one_byte_gives_at_most_one_event(dialect, comman
     assert sum(isinstance(e, Refused) for e in events) <= errors
 
 
-@given(dialects, st.binary(max_size=64))
+@given(dialects, noise)
 def test_an_acknowledgement_has_nothing_before_it(dialect, data):
     """A set is acknowledged only if its mark comes first, apart from the echo and NUL, CR, LF."""
     codec = Mdt693bCodec(dialect)

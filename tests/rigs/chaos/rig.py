@@ -13,7 +13,6 @@ import json
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -24,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from tests.rigs import output
+from tests.rigs.gateway_bench import free_port
 from tests.rigs.processes import PATIENT, as_hardware
 
 from dehyst.daemon.bus.messages import Event, Status
@@ -86,13 +86,6 @@ time.time_ns = lambda: _time_ns() + int(_offset_s() * 1e9)
 
 PAUSE_S = 0.5
 """A pause of a thread that only looks at the clock above which the machine has stood still."""
-
-
-def free_port() -> int:
-    """Return a TCP port on loopback that is free at present."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def until(condition: Callable[[], Any], seconds: float, what: str) -> Any:
