@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst import __version__
-from dehyst.daemon.api.diagnosis_summary import describe_diagnosis
 from dehyst.daemon.api.identification_summary import describe_result
 from dehyst.daemon.api.prediction import Misfit, describe_misfit, outside_validity
 from dehyst.daemon.files.axis_columns import to_columns
@@ -31,6 +30,9 @@ from dehyst.models.inverse.compensator import FLAG_NAMES
 from dehyst.models.inverse.offline import Inverted
 from dehyst.models.model import Model, Provenance
 from dehyst.models.recording import Floats, Recording
+from dehyst.models.units import pick_unit
+
+SAID = {"partly": "partly explained", "unknown": "not explained"}
 
 
 def write_page(path: Path, text: str) -> Path:
@@ -321,7 +323,7 @@ class Diagnosed:
         return write_page(folder / "report.html", report_diagnosis(self.details, names))
 
     def __str__(self) -> str:
-        return describe_diagnosis(self.details)
+        return _describe_diagnosis(self.details)
 
     def _repr_html_(self) -> str:
         from dehyst.daemon.report.notebook import show_diagnosis
@@ -338,3 +340,22 @@ def with_provenance(model: Model, source: str, recordings: Sequence[Recording]) 
         recordings=tuple((r.name, r.sha256) for r in recordings),
     )
     return replace(model, provenance=made)
+
+
+def _describe_diagnosis(diagnosis: Diagnosis) -> str:
+    """Return the text shown on the terminal: the data first, then the verdict with one pair of
+    figures, the findings, and what to do next."""
+    before, after = diagnosis.before_after
+    k, unit = pick_unit(diagnosis.unit, max(before, diagnosis.noise))
+    lines = [f"data: {said}" for said in diagnosis.data.says]
+    verdict = SAID.get(diagnosis.verdict, diagnosis.verdict)
+    lines.append(
+        f"{verdict}: the model in use leaves {k * before:.3g} {unit} rms, the augmented "
+        f"model {k * after:.3g} (noise {k * diagnosis.noise:.3g})"
+    )
+    for f in diagnosis.findings:
+        ties = f" (or {', '.join(f.ambiguous_with)})" if f.ambiguous_with else ""
+        lines.append(f"  {f.name}{ties}, {100 * f.share:.0f} % of the explainable misfit: {f.says}")
+    if diagnosis.next_experiment:
+        lines.append(f"  next: {diagnosis.next_experiment}")
+    return "\n".join(lines)

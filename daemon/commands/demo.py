@@ -14,6 +14,16 @@ from dehyst.models.errors import DehystError
 if TYPE_CHECKING:
     from dehyst.daemon.demo.second_act import Story
 
+OUTPUTS = (
+    "recording.csv",
+    "trajectory.csv",
+    "track-linear.csv",
+    "track-compensated.csv",
+    "model.toml",
+    "demo.png",
+    "story.png",
+)
+"""Files that the demo writes."""
 DESCRIPTION = """\
 Demonstrate dehyst on the simulated stage in some minutes: excite and record the stage through the
 serial drivers, identify a model, run the daemon, stream a 1 Hz full-stroke sine to it from a
@@ -53,8 +63,6 @@ def say_on_stderr(text: str) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from dehyst.daemon.demo.outputs import OUTPUTS
-
     check_outputs([args.output / name for name in OUTPUTS], [], args.force)
     say_on_stderr(
         "dehyst demo: a stage, an amplifier and a gauge reader are simulated; nothing real moves"

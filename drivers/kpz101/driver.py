@@ -4,10 +4,16 @@ from dehyst.drivers.apt.actuator import AptPiezo
 from dehyst.drivers.apt.channel import AptChannel
 from dehyst.drivers.apt.codec import VOLTAGE_LIMITS_V
 from dehyst.drivers.apt.link import AptKind
+from dehyst.drivers.apt.settings import PiezoSettings
 from dehyst.drivers.interface import ProtocolError
-from dehyst.drivers.kpz101.settings import Kpz101Settings
 
 KIND = AptKind("kpz101", models=("KPZ101", "TPZ001"), prefixes=("29", "81"))
+
+
+class Kpz101Settings(PiezoSettings, frozen=True):
+    """Settings of one piezo driver."""
+
+    driver = "kpz101"
 
 
 class Kpz101(AptPiezo):

@@ -39,7 +39,6 @@ from numpy.typing import NDArray
 
 from dehyst.models.errors import BadInput
 from dehyst.models.learning.following import FollowingCheck, Spectrum, power_of
-from dehyst.models.learning.gaps import describe_missing, interpolate_missing, running_mean
 from dehyst.models.learning.tuning import TUNING
 from dehyst.models.model import Floats
 
@@ -132,8 +131,8 @@ class Learner:
         mean = float(known.mean()) if known.size else math.nan
         spread = float(known.std()) if known.size else math.nan
         rms = math.sqrt(max(spread**2 - self.noise**2, 0.0)) if known.size else math.nan
-        wrong = self._stopped or describe_missing(valid)
-        error = interpolate_missing(one.error) if not wrong else one.error
+        wrong = self._stopped or _describe_missing(valid)
+        error = _interpolate_missing(one.error) if not wrong else one.error
         repeats = error - one.used
         if not wrong and one.trimmed:
             repeats = repeats - repeats.mean()
@@ -195,7 +194,7 @@ class Learner:
         """Update the noise's spectrum from the difference of a pass to the earlier average."""
         power = np.abs(change) ** 2 / (1.0 + self._left)
         width = max(TUNING.noise_width, power.size // 200)
-        seen = running_mean(power, width)
+        seen = _running_mean(power, width)
         mixed = self._noise_power + (1.0 - TUNING.noise_memory) * (seen - self._noise_power)
         self._noise_power = np.maximum(mixed, TUNING.least_noise * self.noise**2)
 
@@ -283,7 +282,7 @@ class Learner:
             return ""
         known = self._back(self._repeats)
         change = repeats - known
-        smooth = running_mean(change - np.median(change), TUNING.knock_smooth)
+        smooth = _running_mean(change - np.median(change), TUNING.knock_smooth)
         scatter = 1.4826 * float(np.median(np.abs(smooth - np.median(smooth))))
         few = TUNING.knock_share / max(1, self.learned)
         allowed = TUNING.knock_noises * max(scatter, self.noise / math.sqrt(TUNING.knock_smooth))
@@ -295,7 +294,7 @@ class Learner:
         doubted, self._doubted = self._doubted, repeats
         if doubted is None:
             return f"a knock of {smooth[at]:+.3g} at {at * self.period_s:.3f} s"
-        again = running_mean(repeats - doubted, TUNING.knock_smooth)
+        again = _running_mean(repeats - doubted, TUNING.knock_smooth)
         if np.abs(again - np.median(again)).max() < TUNING.same * abs(smooth[at]):
             self._forget_errors()  # twice the same: the stage has changed, it was no knock
             return ""
@@ -342,3 +341,33 @@ def fade_share(samples: NDArray[np.int64], over: int) -> Floats:
     to 1 over `over` samples, without a step in value or slope."""
     share = np.clip((samples + 1.0) / max(1, over), 0.0, 1.0)
     return np.asarray(share * share * (3.0 - 2.0 * share), np.float64)
+
+
+def _describe_missing(valid: NDArray[np.bool_]) -> str:
+    """Return a message where too much of a pass has no reading, else ""."""
+    lost = int(np.count_nonzero(~valid))
+    if not lost:
+        return ""
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], valid, [True]]).astype(np.int8)))
+    longest = int(np.max(edges[1::2] - edges[::2]))
+    if lost <= max(1.0, TUNING.missing * valid.size) and longest <= TUNING.longest_gap:
+        return ""
+    return f"{lost} of {valid.size} samples are missing or without a reading"
+
+
+def _interpolate_missing(x: Floats) -> Floats:
+    """Fill missing samples by linear interpolation."""
+    good = np.isfinite(x)
+    if good.all():
+        return x
+    places = np.arange(x.size)
+    return np.asarray(np.interp(places, places[good], x[good]), np.float64)
+
+
+def _running_mean(x: Floats, width: int) -> Floats:
+    """Return (n,) means over `width` neighbours, fewer at the ends."""
+    width = min(width, x.size)
+    total = np.cumsum(np.concatenate([[0.0], x]))
+    first = np.maximum(np.arange(x.size) - width // 2, 0)
+    last = np.minimum(first + width, x.size)
+    return np.asarray((total[last] - total[first]) / (last - first), np.float64)

@@ -4,7 +4,7 @@ from tests.mutations.change import Change, room
 
 TRIM, PASSES = "models/learning/trim.py", "models/learning/passes.py"
 FOLLOWING = "models/learning/following.py"
-TUNING, GAPS = "models/learning/tuning.py", "models/learning/gaps.py"
+TUNING = "models/learning/tuning.py"
 STEP, COMMANDS = "daemon/loop/step_kernel.py", "daemon/loop/command_kernels.py"
 GATE = "daemon/gateway/admission.py"
 IN_THE_LOOP = ("tests/daemon/loop/test_trim.py",)
@@ -286,7 +286,7 @@ CHANGES = [
         ),
         Change(
             "gaps-are-learned",
-            GAPS,
+            PASSES,
             "    if lost <= max(1.0, TUNING.missing * valid.size)",
             "    if lost < valid.size or lost <= max(1.0, TUNING.missing * valid.size)",
             "missing samples of a pass are made up",
