@@ -69,7 +69,7 @@ def report_identification(
     out.add_heading("Structure")
     out.add_text(
         "The simplest structure that no richer one beats in prediction by more than chance is "
-        "chosen; the number of operators and the smoothness of their slopes by the same stretches.",
+        "chosen, and the smoothness of the slopes by the same stretches.",
         "soft",
     )
     out.add_text(explain_choice(result))

@@ -138,21 +138,21 @@ def draw_residual_spectrum(
 
 
 def draw_orders(result: Identification, axes: Axes) -> str:
-    """Draw the held-out error against the number of operators."""
-    count, held_out = np.array(result.orders).T
-    scale, unit = pick_unit(result.model.displacement_unit, float(np.min(held_out)))
+    """Draw the misfit of the fitted rows against the number of operators."""
+    count, misfit = np.array(result.orders).T
+    scale, unit = pick_unit(result.model.displacement_unit, float(np.min(misfit)))
     chosen = result.model.hysteresis.n
-    axes.plot(count, held_out * scale, "o-", ms=3, color=MODEL)
+    axes.plot(count, misfit * scale, "o-", ms=3, color=MODEL)
     axes.axvline(chosen, color=MEASURED, lw=1.5, ls="--")
-    top = min(float(held_out.max()), 3 * float(held_out.min())) * scale
+    top = min(float(misfit.max()), 3 * float(misfit.min())) * scale
     if np.isfinite(top) and top > 0.0:
         axes.set_ylim(0, top)
     axes.set(
         xlabel="operators",
         ylabel=f"rms, {unit}",
-        title=f"held out, by number of operators (chosen: {chosen})",
+        title=f"fitted rows, by number of operators (taken: {chosen})",
     )
-    return f"Held-out error by the number of operators; {chosen} were chosen."
+    return f"Misfit of the fitted rows by the number of operators; {chosen} were taken."
 
 
 def draw_structures(result: Identification, axes: Axes) -> str:

@@ -19,7 +19,7 @@ from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.identify.uncertainty import measure_band_hz
 from dehyst.models.model import Block, Fit, Hysteresis, Model, Provenance
-from dehyst.models.physics import KINDS, DriveScale, bent_loops, curved_plays, lead
+from dehyst.models.physics import DriveScale, bent_loops, curved_plays, lead, with_blocks
 from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.pace import measure_slowest_s
@@ -61,13 +61,7 @@ def build_augmented_model(problem: Problem, fitted: JointFit) -> Model:
         for effect, amplitudes in zip(fitted.effects, fitted.amplitudes, strict=True)
         for block in effect.candidate.blocks(effect.theta, amplitudes, data)
     ]
-    # the effects enclose the model: before its drive blocks, after its other blocks
-    before = [b for b in effects if b.place == "drive"]
-    behind = [b for b in effects if b.place != "drive"]
-    rank = {"drive": 0, "stage": 1, "sensor": 2}
-    blocks = sorted(
-        [*before, *own, *behind], key=lambda b: 0.5 if KINDS[b.kind].is_parallel else rank[b.place]
-    )
+    blocks = with_blocks(replace(model, blocks=tuple(own)), effects).blocks
     rate = np.abs(np.diff(data.u)) / data.dt[1:]
     rate = rate[~data.starts[1:]]
     validity = replace(
@@ -81,7 +75,7 @@ def build_augmented_model(problem: Problem, fitted: JointFit) -> Model:
         model,
         hysteresis=replace(model.hysteresis, c=c),
         validity=validity,
-        blocks=tuple(blocks),
+        blocks=blocks,
         fit=Fit(),
         provenance=Provenance(),
     )

@@ -8,13 +8,11 @@ from dehyst.models.signals.joined import Ints
 STEEPEST = 4.0
 """Slope of the reading over the drive from row to row, over the mean slope, above which that of a
 hysteresis does not rise: play operators with creep stay below 3."""
-LATE = 2
-"""Rows by which a reading may be late."""
 SIGMAS = 6.0
 """Least size of a jump, in standard deviations of the difference of two readings."""
 EVEN = 0.3
 """Largest share of its way that a drive may make in the fastest twentieth of its rows: 0.16 for a
-sine, 0.05 for a triangle. A drive in steps makes the reading jump."""
+sine, 0.05 for a triangle. After a quick ramp of the drive a late reading jumps."""
 
 
 def measure_share_in_jumps(u: Floats, y: Floats) -> tuple[float, int]:
@@ -26,27 +24,16 @@ def measure_share_in_jumps(u: Floats, y: Floats) -> tuple[float, int]:
     if u.size < 8 or not np.ptp(u) or not np.ptp(y):
         return 0.0, 0
     du, dy = np.diff(u), np.diff(y)
-    if not _is_even(np.abs(du)):
+    fastest = np.sort(np.abs(du))[-max(1, du.size // 20) :]
+    if float(fastest.sum()) > EVEN * float(np.abs(du).sum()):
         return 0.0, 0
     gain = float(np.polyfit(u, y, 1)[0])
     mean = float(np.ptp(y) / np.ptp(u))
     ahead = dy - np.sign(gain) * mean * du
     noise = 1.4826 * float(np.median(np.abs(ahead - np.median(ahead))))
-    here = _largest_near(np.abs(du), LATE)
-    at: Ints = np.flatnonzero(np.abs(dy) > np.maximum(SIGMAS * noise, STEEPEST * mean * here))
+    most = np.maximum(SIGMAS * noise, STEEPEST * mean * np.abs(du))
+    at: Ints = np.flatnonzero(np.abs(dy) > most)
     along = dy[at] * np.sign(gain) * du[at]
     if not at.size or np.count_nonzero(along > 0.0) < (1.0 - 1.0 / SIGMAS) * at.size:
         return 0.0, 0
     return float(np.sum(np.abs(dy[at])) / (mean * np.sum(np.abs(du)))), at.size
-
-
-def _is_even(steps: Floats) -> bool:
-    """Return whether the fastest twentieth of the rows makes a small share of the way only."""
-    fastest = np.sort(steps)[-max(1, steps.size // 20) :]
-    return float(fastest.sum()) < EVEN * float(steps.sum())
-
-
-def _largest_near(steps: Floats, reach: int) -> Floats:
-    """Return the largest value (N,) within so many rows of each."""
-    padded = np.pad(steps, reach, mode="edge")
-    return np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1).max(axis=1)

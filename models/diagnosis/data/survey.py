@@ -9,6 +9,7 @@ from dehyst.models.diagnosis.data.noise import quantum
 from dehyst.models.diagnosis.result import DataQuality
 from dehyst.models.physics.candidate import format_length
 from dehyst.models.signals.drive_segments import count_reversing_segments
+from dehyst.models.signals.following import follows_changes
 from dehyst.models.signals.joined import Data, Floats
 
 COARSE = 1.5  # times the noise rms: a larger step of the reading is reported
@@ -69,10 +70,15 @@ def survey(
             f"{format_length((sigma, data.unit))} from sample to sample"
         )
     if not has_response_to_drive(data, unexplained):
+        share = max(0.0, 1.0 - unexplained / _variance(data))
+        why = (
+            f"a memory of the drive of any shape explains {share:.0%} of it"
+            if share <= FOLLOWS
+            else "its changes are not those of the drive"
+        )
         said.append(
-            "the displacement does not follow the drive: a memory of the drive of any shape "
-            f"explains {max(0.0, 1.0 - unexplained / _variance(data)):.0%} of it; check the sensor "
-            "and the columns, and whether the recording was made under feedback"
+            f"the displacement does not follow the drive: {why}; check the sensor, its cable and "
+            "the columns, and whether the recording was made under feedback"
         )
     if has_no_loop(data, sigma):
         reach = float(np.ptp(data.y[data.rows]))
@@ -126,8 +132,12 @@ def survey(
 
 
 def has_response_to_drive(data: Data, unexplained: float) -> bool:
-    """Return whether the drive explains something of the displacement."""
-    return unexplained < (1.0 - FOLLOWS) * _variance(data)
+    """Return whether the drive explains something of the displacement, of its changes too: of a
+    reading that wanders a memory of any shape explains a part by chance."""
+    if unexplained >= (1.0 - FOLLOWS) * _variance(data):
+        return False
+    parts = [data.rows & (data.part == p) for p in np.unique(data.part)]
+    return any(follows_changes(data.u[k], data.y[k]) for k in parts)
 
 
 def has_no_loop(data: Data, sigma: float) -> bool:

@@ -193,3 +193,17 @@ def test_no_sensor_errs_by_more_than_its_reading() -> None:
     assert not sensor.implausible(period, within, data)
     assert sensor.plausibility_weight(period, beyond) == 0.0
     assert "range of the reading" in sensor.implausible(period, beyond, data)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_an_open_input_that_wanders_is_no_physics(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    given = []
+    for one in recordings(plain):
+        walk = np.cumsum(rng.standard_normal(N))
+        y = 3.0 + 0.8 * walk / np.ptp(walk) + NOISE_UM * rng.standard_normal(N)
+        given.append(Recording(one.t_s, one.drive, y, name=one.name))
+    d = diagnose_without_limits(given)
+    assert d.verdict == "unknown"
+    assert names(d) <= {"unknown"}
+    assert "does not follow the drive" in " ".join(d.data.says)

@@ -11,6 +11,9 @@ from dehyst.models.signals.jumps import measure_share_in_jumps
 T_S = times(8.0)
 SINE = 100.0 * np.sin(2 * np.pi * 0.5 * T_S)
 GOOD = stage(SINE)
+LEVELS = np.repeat(np.random.default_rng(1).uniform(-100.0, 100.0, 20), 200)
+HOLDS = np.convolve(LEVELS, [0.1, 0.8, 0.1], "same")  # edges of three rows
+LATER = np.convolve(LEVELS, [0.0, 0.2, 0.8], "same")  # what the stage has got when it is read
 RNG = np.random.default_rng(3)
 NOISE = 1e-3 * np.ptp(GOOD) * RNG.standard_normal(T_S.size)
 
@@ -38,6 +41,7 @@ ORDINARY = {
     "late": (SINE, np.roll(GOOD, 2) + NOISE),
     "rows lost": (SINE[RNG.random(T_S.size) < 0.3], None),
     "drive in steps": (polled(SINE, 100), stage(polled(SINE, 100)) + NOISE),
+    "quick ramps, read late": (HOLDS, stage(LATER) + NOISE),
     "drive and reading held": (polled(SINE, 20), polled(GOOD, 20)),
     "at rest": (np.zeros(T_S.size), NOISE),
 }

@@ -547,4 +547,28 @@ CHANGES = [
             "between rows that do not count, the misfit is located at too high a frequency",
         ),
     ),
+    *room(
+        ("tests/models/diagnosis/test_data_first.py", "tests/models/signals/test_following.py"),
+        Change(
+            "wandering-is-physics",
+            "models/diagnosis/data/survey.py",
+            "return any(follows_changes(data.u[k], data.y[k]) for k in parts)",
+            "return True",
+            "an open input that wanders has a lag and a shape",
+        ),
+        Change(
+            "a-relaxation-follows",
+            "models/signals/following.py",
+            "LEAST = 0.05\n",
+            "LEAST = 0.0\n",
+            "a reading that settles by itself follows a periodic drive",
+        ),
+        Change(
+            "late-is-not-following",
+            "models/signals/following.py",
+            "np.stack([du[1:], du[:-1]], axis=1)",
+            "np.stack([du[1:], du[1:]], axis=1)",
+            "a stage with a long delay does not follow its drive",
+        ),
+    ),
 ]

@@ -409,6 +409,71 @@ CHANGES += (
             "float(np.median(jumps)) > 1.0:",
             "a model of dry friction is written",
         ),
+        Change(
+            "stick-slip-is-taken",
+            "models/identify/plausibility/own_input.py",
+            "if share > IN_JUMPS and count >= FEWEST_JUMPS:",
+            "if share > 2.0 and count >= FEWEST_JUMPS:",
+            "a model of stick-slip is written",
+        ),
+        Change(
+            "no-hysteresis-within-the-noise",
+            "models/identify/plausibility/own_input.py",
+            "return float(min(1.0, WIDTH * np.sqrt(chance / max(1, rows))))",
+            "return 1.0",
+            "a loop that many rows show is said not to be there",
+        ),
+    )
+    + room(
+        ("tests/models/signals/test_jumps.py",),
+        Change(
+            "jumps-either-way",
+            "models/signals/jumps.py",
+            "< (1.0 - 1.0 / SIGMAS) * at.size:",
+            "< 0:",
+            "hum is refused as stick-slip",
+        ),
+        Change(
+            "held-readings-jump",
+            "models/signals/jumps.py",
+            "[[True], np.diff(y) != 0.0]",
+            "[[True], np.diff(y) < np.inf]",
+            "a gauge that is polled slowly is refused as stick-slip",
+        ),
+        Change(
+            "quick-ramps-jump",
+            "models/signals/jumps.py",
+            "    if float(fastest.sum()) > EVEN * float(np.abs(du).sum()):\n",
+            "    if False:\n",
+            "a recording of holds, read late, is refused as stick-slip",
+        ),
+    )
+    + room(
+        ("tests/models/identify/test_stated_interval.py",),
+        Change(
+            "narrower-than-its-own-errors",
+            "models/identify/band.py",
+            "max(0.0, left_out, held, own**2 - (Z95 * noise) ** 2)",
+            "max(0.0, left_out, held)",
+            "an interval does not hold on the recordings that it comes from",
+        ),
+    )
+    + room(
+        ("tests/daemon/report/test_choice.py",),
+        Change(
+            "static-for-no-reason",
+            "models/identify/search.py",
+            "        self.static_because = NO_GAIN\n",
+            "",
+            "the report does not say why weights do not depend on the rate",
+        ),
+        Change(
+            "the-best-of-all-is-without",
+            "daemon/report/choice.py",
+            "others = [c for c in result.tried if not has(c)]",
+            "others = list(result.tried)",
+            "the report says that a lag gains nothing",
+        ),
     )
     + room(
         ("tests/models/signals/test_lone.py",),
