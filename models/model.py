@@ -97,13 +97,22 @@ class Validity:
 @dataclass(frozen=True)
 class Fit:
     """Errors of the fit, rms in displacement units; band: half the width of the interval that
-    contains 95 % of the displacements predicted for other drives in the range. None: not
+    contains 95 % of the displacements predicted for other drives in the range; steady_rms: the
+    larger of the first two without the drift of the recording, None: it does not drift. None: not
     measured."""
 
     rms: float | None = None
     holdout_rms: float | None = None
     noise_rms: float | None = None
     band: float | None = None
+    steady_rms: float | None = None
+
+    @property
+    def claim(self) -> float | None:
+        """Largest rms error that the model claims for another recording, apart from a drift."""
+        if self.steady_rms is not None:
+            return self.steady_rms
+        return max((x for x in (self.holdout_rms, self.rms) if x is not None), default=None)
 
 
 @dataclass(frozen=True)

@@ -167,6 +167,7 @@ def _fit(table: _Table, disp: str) -> Fit:
         rms=table.get(f"rms_{disp}", _not_negative, None),
         holdout_rms=table.get(f"holdout_rms_{disp}", _not_negative, None),
         noise_rms=table.get(f"noise_rms_{disp}", _not_negative, None),
+        steady_rms=table.get(f"steady_rms_{disp}", _not_negative, None),
         band=table.get(f"band_{disp}", _not_negative, None),
     )
     table.done()
@@ -244,6 +245,7 @@ def dumps(model: Model) -> str:
         f"rms_{disp}": f.rms,
         f"holdout_rms_{disp}": f.holdout_rms,
         f"noise_rms_{disp}": f.noise_rms,
+        f"steady_rms_{disp}": f.steady_rms,
         f"band_{disp}": f.band,
     }
     provenance: dict[str, Any] = {

@@ -101,7 +101,8 @@ def load_columns(
         loaded = _understood(path, _read_npy(path), reading, wants)
     elif not reading and name.lower().endswith((".csv", ".csv.gz")) and _is_own(path, wants):
         table = read_table(path)
-        loaded = Loaded(table.columns, {**table.metadata, **read_notes(path)})
+        own = read_notes(path)  # of a recording that dehyst wrote, whose times are in seconds
+        loaded = Loaded(table.columns, {**table.metadata, **own}, seconds=bool(own))
         loaded.where = lambda row: f"line {line_of_row(path, row)}"
     else:
         loaded = _understood(path, read_text_table(path), reading, wants)

@@ -92,8 +92,12 @@ def _tell_of_dynamics(result: Identification, unit: str) -> str:
 
 
 def _best_without(result: Identification, has: Has) -> TriedStructure | None:
-    """Return the candidate that predicts best among those without a part; None: none was tried."""
+    """Return the candidate that predicts best among those without a part that have the other parts
+    of the chosen one, as far as any does; None: none was tried."""
     others = [c for c in result.tried if not has(c)]
+    for other in (has_rate, has_dynamics):
+        same = [c for c in others if other is has or other(c) == other(result.chosen)]
+        others = same or others
     return min(others, key=lambda c: c.held_rms) if others else None
 
 

@@ -2,17 +2,22 @@
 
 import math
 
+import numpy as np
+
 from dehyst.models.diagnosis.tuning import TUNING as DIAGNOSIS
 from dehyst.models.identify import Identification
 from dehyst.models.units import spell_unit
 
 AT_NOISE = 1.1  # residual over noise
+MOST_ROWS = 0.9  # share of the rows: fitted ones speak for the whole recording
 
 
 def verdict(result: Identification) -> str:
     """State whether the residual has reached the noise, and what to do if it has not."""
     fit, unit = result.model.fit, spell_unit(result.model.displacement_unit)
     rms, noise = fit.rms or 0.0, result.noise_rms
+    if fit.steady_rms is not None:  # a drift is reported by itself, and no physics of the stage
+        rms = min(rms, fit.steady_rms)
     if not math.isfinite(noise) or noise <= 0.0:
         return (
             f"The model leaves {rms:.3g} {unit} rms; the recording shows no noise to compare with."
@@ -21,7 +26,7 @@ def verdict(result: Identification) -> str:
     if ratio <= AT_NOISE:
         return (
             f"The residual is at the noise: the model leaves {rms:.3g} {unit} rms, the noise is "
-            f"about {noise:.3g} {unit}. This recording leaves little to explain."
+            f"about {noise:.3g} {unit}. {_state_rest(result)}"
         )
     excess = math.sqrt(max(rms**2 - noise**2, 0.0))
     rows = max(one.size for one in result.residuals)
@@ -33,3 +38,12 @@ def verdict(result: Identification) -> str:
         f"noise is about {noise:.3g} {unit}, so {excess:.3g} {unit} are left that a better model "
         f"could explain. {asked}"
     )
+
+
+def _state_rest(result: Identification) -> str:
+    """State how much of the recordings a residual at the noise concerns."""
+    rows = sum(int(np.count_nonzero(~np.isnan(one))) for one in result.residuals)
+    fitted = sum(int(np.count_nonzero(one)) for one in result.used)
+    if fitted >= MOST_ROWS * rows:
+        return "This recording leaves little to explain."
+    return f"This holds for the {fitted} of {rows} rows that were fitted."

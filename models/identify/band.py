@@ -38,16 +38,15 @@ def estimate_band(
     fitted: Fitted,
     offset: float,
     jackknife: Jackknife,
-    known: tuple[float, float, float],
+    known: tuple[float, float],
 ) -> float:
     """Return half the width of the interval that holds 95 % of the displacements that the model
     predicts.
 
     jackknife: with each stretch of time left out; known: rms difference between the candidate
-    structures, rms noise, and the value that 95 % of the residuals are below, next to a
-    straight drift: an interval that does not hold on its own input holds on no other.
+    structures, and rms noise.
     """
-    spread, noise, own = known
+    spread, noise = known
     power, count = 0.0, 0
     for lot in _list_equations(setup, fitted.r, offset, fitted.shape.rate):
         jac, _ = linearise(lot, fitted.shape, fitted.params)
@@ -58,7 +57,7 @@ def estimate_band(
     if len(setup.rows) == 1:
         left_out *= TUNING.near**2
     held = Z95**2 * (fitted.scored.held_rms**2 - noise**2)
-    unseen = max(0.0, left_out, held, own**2 - (Z95 * noise) ** 2) + Z95**2 * by_noise
+    unseen = max(0.0, left_out, held) + Z95**2 * by_noise
     return float(np.sqrt(max(unseen, Z95**2 * max(spread, fitted.unreachable) ** 2)))
 
 

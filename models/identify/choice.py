@@ -20,18 +20,30 @@ from dehyst.models.signals.drive_segments import (
     repeats_one_loop,
 )
 
+WITH_TIME = 0.8
+"""Correlation of the sizes of the drive's segments with their order from which a drift is hidden:
+0.95 for a decaying sine, near 0 for one that grows and shrinks."""
+
+
+class Shown(NamedTuple):
+    """What the drives of the recordings can show: with one period, no rate-dependence; with loops
+    of one size too, no lag."""
+
+    rates: bool
+    lags: bool
+
 
 class Choice(NamedTuple):
     """The chosen structure, with the rows that remained. setup: without the drift; notes: what was
-    left out; static: the drives have one rate, which shows no dynamics; ramp: the straight drift
-    that was subtracted [displacement/s]."""
+    left out; shown: what the drives can show; ramp: the straight drift that was subtracted
+    [displacement/s]."""
 
     setup: FitSetup
     search: Search
     tried: list[TriedStructure]
     best: TriedStructure
     notes: list[str]
-    static: bool
+    shown: Shown
     ramp: float = 0.0
 
     def outlasts_drift(self, period_s: float) -> bool:
@@ -41,24 +53,29 @@ class Choice(NamedTuple):
 
 def make_choice(setup: FitSetup, options: Options, progress: Callable[[str], None]) -> Choice:
     """Choose the structure of a model of these recordings."""
-    drives = _find_segments(setup.rows, setup.span)
-    found = _choose(setup, options, progress, repeats_one_loop(drives))
+    drives = find_segments(setup.rows, setup.span)
+    period_s = find_one_period(drives)
+    shown = Shown(rates=period_s is None, lags=not repeats_one_loop(drives))
+    found = _choose(setup, options, progress, shown)
     if ramp := _find_ramp(found, drives):
         rest = without_ramp(found.setup, ramp)
-        flat = _choose(rest, options, progress, found.static, ramp, found.notes)
+        flat = _choose(rest, options, progress, shown, ramp, found.notes)
         if flat.best.held_rms**2 < (1.0 - TUNING.minor) * found.best.held_rms**2:
             found = flat
-    period_s = None if found.static else find_one_period(drives)
-    dynamic = found.best.lag is not None or (found.best.shape.rate and options.rate is None)
-    outlasts = period_s is None or not dynamic or found.outlasts_drift(period_s)
-    if not outlasts:
-        found = _choose(found.setup, options, progress, True, found.ramp, found.notes)
-    if found.static:
+    if period_s is None:
+        return found
+    hidden = "rate-dependence cannot be distinguished from the hysteresis"
+    if found.best.lag is not None and found.outlasts_drift(period_s):
+        left = f"one rate: {hidden}, and the model has none"
+    else:
+        left = f"lag, delay, resonance and {hidden}, and the model is static"
+        left = f"{'one rate' if shown.lags else 'one loop at one rate'}: {left}"
+        if found.best.lag is not None:
+            shown = Shown(rates=False, lags=False)
+            found = _choose(found.setup, options, progress, shown, found.ramp, found.notes)
+    if options.rate is None:
         found.notes.append(
-            f"{'one loop at one rate' if outlasts else 'one rate, with drift or creep'}: lag, "
-            "delay, resonance and rate-dependence cannot be distinguished from the hysteresis, and "
-            "the model is static; a second recording at another rate, or one with an edge, "
-            "identifies it"
+            f"{left}; a second recording at another rate, or one with an edge, identifies it"
         )
     return found
 
@@ -67,19 +84,18 @@ def _choose(
     setup: FitSetup,
     options: Options,
     progress: Callable[[str], None],
-    one_rate: bool,
+    shown: Shown,
     ramp: float = 0.0,
     known: Sequence[str] = (),
 ) -> Choice:
-    """Choose the structure, again without the outliers that it shows. one_rate: the recordings
-    cannot show dynamics; ramp: the drift that was subtracted; known: notes on what was left out
-    before."""
+    """Choose the structure, again without the outliers that it shows. ramp: the drift that was
+    subtracted; known: notes on what was left out before."""
     notes = list(known)
     wanted = list_shapes(options.rate, options.saturation, options.bias)
-    if setup.rate_max <= 0.0 or (one_rate and options.rate is None):
+    if setup.rate_max <= 0.0 or (not shown.rates and options.rate is None):
         wanted = [s for s in wanted if not s.rate]
     for left in range(TUNING.rounds, -1, -1):
-        search = Search(setup, wanted, progress, not one_rate, bool(ramp))
+        search = Search(setup, wanted, progress, shown.lags, bool(ramp))
         tried = search.run()
         best = search.choose(tried)
         errors = setup.residuals(search.r, best.shape, best.params, best.offset, best.lag)
@@ -90,16 +106,29 @@ def _choose(
         setup = fewer
         if count <= 1e-3 * errors[0].size:
             break
-    return Choice(setup, search, tried, best, notes, one_rate, ramp)
+    return Choice(setup, search, tried, best, notes, shown, ramp)
 
 
 def _find_ramp(found: Choice, drives: Sequence[DriveSegments]) -> float:
     """Return the straight drift of a single recording [displacement/s], 0 if it shows none. With
     several recordings, each has its own offset."""
-    durations = np.concatenate([one.durations for one in drives])
-    if len(drives) != 1 or not durations.size or 0 not in found.best.shape.powers:
+    if len(drives) != 1 or drives[0].sizes.size < 2 or not shows_drift(drives):
         return 0.0
-    return found.search.find_ramp(found.best, 2.0 * float(np.median(durations)))
+    (ways,), best = drives, found.best
+    if 0 not in best.shape.powers:  # dropped, as a stage at rest needs none
+        constant = best.params._replace(c=np.concatenate([[0.0], best.params.c]))
+        shape = replace(best.shape, powers=(0, *best.shape.powers))
+        best = replace(best, shape=shape, params=constant)
+    return found.search.find_ramp(best, 2.0 * float(np.median(ways.durations)))
+
+
+def shows_drift(drives: Sequence[DriveSegments]) -> bool:
+    """Return whether a drift can be distinguished from an offset that depends on the size of the
+    loops: not if their size grows or shrinks all the time."""
+    sizes = np.concatenate([one.sizes for one in drives])
+    if sizes.size < 2 or not np.ptp(sizes):
+        return True
+    return bool(abs(np.corrcoef(np.arange(sizes.size), sizes)[0, 1]) <= WITH_TIME)
 
 
 def without_ramp(setup: FitSetup, ramp: float) -> FitSetup:
@@ -109,7 +138,7 @@ def without_ramp(setup: FitSetup, ramp: float) -> FitSetup:
     return replace(setup, rows=rows)
 
 
-def _find_segments(rows: Sequence[Rows], span: float) -> list[DriveSegments]:
+def find_segments(rows: Sequence[Rows], span: float) -> list[DriveSegments]:
     """Return the segments of each recording's drive."""
     known = [~np.isnan(one.u) for one in rows]
     return [

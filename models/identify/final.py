@@ -64,8 +64,7 @@ class Fitted:
         recordings: that of the structure and, in quadrature, what the written model leaves beyond
         the fit of the structure, because it can be inverted or has the offset of the end."""
         scored = self.scored
-        fitted = float(scored.fitted.sum() / max(1.0, scored.sizes.sum()))
-        beyond = max(0.0, left**2 - (1.0 + TUNING.minor) * fitted)
+        beyond = max(0.0, left**2 - (1.0 + TUNING.minor) * scored.fitted_rms**2)
         return float(np.sqrt(scored.held_rms**2 + beyond))
 
 

@@ -17,7 +17,13 @@ from dehyst.models.cascade.figures import describe
 from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
 from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
-from dehyst.models.identify.choice import make_choice, without_ramp
+from dehyst.models.identify.choice import (
+    Choice,
+    find_segments,
+    make_choice,
+    shows_drift,
+    without_ramp,
+)
 from dehyst.models.identify.data.rows import Rows, read_rows
 from dehyst.models.identify.data.stretches import take_stretches
 from dehyst.models.identify.equations import Params, Shape
@@ -26,6 +32,7 @@ from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.identified import Identification, Options, RecordingResidual
 from dehyst.models.identify.plausibility.own_input import require_ordinary_loop, require_own_input
 from dehyst.models.identify.plausibility.recordings import (
+    measure_line,
     note_slow_times,
     require_better_than_a_line,
     require_different,
@@ -51,6 +58,7 @@ from dehyst.models.identify.uncertainty import (
 from dehyst.models.model import Fit, Provenance, Validity
 from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.signals.drive_segments import has_one_size
 from dehyst.models.signals.pace import measure_slowest_s
 from dehyst.models.signals.rounding import quantum
 from dehyst.models.units import spell_unit
@@ -102,9 +110,12 @@ def _identify(
         before, agreed = agreed, start_agrees(setup, False)
         if agreed != before:
             found = _search(setup if agreed else _leave_start(rows, options), options, progress)
-    late = not agreed
-    if late:
-        found.notes.append("the start does not fit a de-energised stage; it was left out")
+    if not agreed:
+        fewer = _count(setup.picks) - _count(_leave_start(rows, options).picks)
+        found.notes.append(
+            f"the start does not fit a de-energised stage; {fewer} rows that depend on it were "
+            "left out"
+        )
     found = _follow_drift(found, first.displacement_unit)
     residuals, picks = found.residuals(), found.setup.picks
     if len(rows) > 1 and (doubt := _require_one_stage(found, residuals, recordings, options)):
@@ -116,6 +127,11 @@ def _identify(
     noises = [one.noise for one in result.recordings]
     said = require_own_input(result.model, found.setup.rows, result.used, noises)
     return replace(result, notes=(*result.notes, *said))
+
+
+def _count(picks: Sequence[Bools]) -> int:
+    """Return the number of picked rows of all recordings."""
+    return sum(int(np.count_nonzero(pick)) for pick in picks)
 
 
 def _leave_start(rows: Sequence[Rows], options: Options) -> FitSetup:
@@ -167,34 +183,14 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     setup, search, tried, best = chosen.setup, chosen.search, chosen.tried, chosen.best
     notes = [*setup.notes, *chosen.notes]
     require_following(setup, best.held_rms)
-    others: list[TriedStructure] = tried  # after a curve has turned over, no other is tried
-    while True:
-        progress(f"fitting {best.shape.name} to all rows")
-        fitted = fit_all(setup, best, search.r, options.order, others)
-        shape = fitted.shape
-        margin = fitted.setup.margin(fitted.r, shape, fitted.params, best.offset)
-        turns = margin < TUNING.small
-        strays = _left(best, fitted, search.picks) > TUNING.twice * best.held_rms
-        if not (strays or (turns and options.monotone)) or shape.powers == (0,):
-            break
-        others = []
-        why = "did not converge on all rows" if strays else "would turn over within reach"
-        notes.append(f"{shape.name}: {why} and was not taken")
-        fewer = [
-            c
-            for c in tried
-            if c.shape.rate == shape.rate and len(c.shape.powers) < len(shape.powers)
-        ]
-        if not fewer:  # the user fixed the saturation: use a straight line instead
-            fewer = Search(setup, [Shape(shape.rate, (0,))], progress, not chosen.static).run()
-        best = choose_structure(fewer)
+    best, fitted = _fit_chosen(chosen, options, progress, notes)
     if fitted.costly:
         notes.append(
             "right after a reversal the displacement moves against the drive, more than an "
             "invertible model can; the nearest invertible model is used"
         )
-    if (size := sum(int(np.count_nonzero(p)) for p in setup.picks)) > TUNING.rows_fitted:
-        notes.append(f"of {size} rows a part, by chance, was fitted; the error is that of all")
+    if (size := _count(setup.picks)) > TUNING.rows_fitted:
+        notes.append(f"a random part of the {size} rows was fitted; the error is that of all rows")
     if best.lag is not None and best.lag in search.untold:
         notes.append(best.lag.doubt)
     flat = setup
@@ -205,12 +201,63 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     return _Found(setup, flat, best, search.r, fitted, tried, notes, because)
 
 
+def _fit_chosen(
+    chosen: Choice, options: Options, progress: Callable[[str], None], notes: list[str]
+) -> tuple[TriedStructure, Fitted]:
+    """Fit the chosen structure to all rows; where that fails, the best of the simpler or other
+    ones. If all fail, return the one that leaves least."""
+    setup, search, best = chosen.setup, chosen.search, chosen.best
+    line = _measure_lines(setup, search.picks)
+    rest: list[TriedStructure] = list(chosen.tried)
+    others = rest  # after a fit has failed, no further power is tried
+    failed: list[tuple[float, TriedStructure, Fitted]] = []
+    while True:
+        progress(f"fitting {best.shape.name} to all rows")
+        fitted = fit_all(setup, best, search.r, options.order, others)
+        shape, left = fitted.shape, _left(best, fitted, search.picks)
+        strays = left > min(TUNING.twice * best.held_rms, line)
+        margin = fitted.setup.margin(fitted.r, shape, fitted.params, best.offset)
+        turns = margin < TUNING.small and options.monotone
+        if not (strays or turns):
+            return best, fitted
+        if not turns:
+            failed.append((left, best, fitted))
+        why = "did not converge on all rows" if strays else "would turn over within reach"
+        lag = f" with a {best.lag.kind}" if best.lag is not None else ""
+        notes.append(f"{shape.name}{lag}: {why} and was not taken")
+        others = []
+        kind, size = (best.shape.rate, best.lag is None), len(shape.powers)
+        same = [c for c in rest if (c.shape.rate, c.lag is None) == kind]
+        fewer = [c for c in same if len(c.shape.powers) < size]
+        rest = [c for c in rest if (c.shape.rate, c.lag is None) != kind]
+        choice = rest if strays else fewer
+        rest = rest if strays else [*rest, *fewer]
+        if not choice and shape.powers != (0,):  # the user fixed the saturation: a straight line
+            straight = [Shape(shape.rate, (0,))]
+            choice = Search(setup, straight, progress, chosen.shown.lags).run()
+        if not choice or len(failed) > TUNING.rounds:
+            if failed:
+                _, best, fitted = min(failed, key=lambda one: one[0])
+            return best, fitted
+        best = choose_structure(choice)
+
+
+def _measure_lines(setup: FitSetup, picks: Sequence[Bools]) -> float:
+    """Return the rms residual of the picked rows about a straight line for each recording."""
+    powers = [
+        float(np.count_nonzero(k)) * measure_line(one.u[k], one.y[k]) ** 2
+        for one, pick in zip(setup.rows, picks, strict=True)
+        if (k := pick & ~np.isnan(one.u)).any()
+    ]
+    return float(np.sqrt(sum(powers) / _count(picks)))
+
+
 def _left(best: TriedStructure, fitted: Fitted, picks: Sequence[Bools]) -> float:
     """Return the rms residual of the picked rows."""
     setup, shape = fitted.setup, fitted.shape
     errors = setup.residuals(fitted.r, shape, fitted.params, best.offset, best.lag)
     each = [error[pick] for error, pick in zip(errors, picks, strict=True)]
-    return float(np.sqrt(np.mean(np.concatenate(each) ** 2)))
+    return rms(np.concatenate(each))
 
 
 def _follow_drift(found: _Found, unit: str) -> _Found:
@@ -221,6 +268,8 @@ def _follow_drift(found: _Found, unit: str) -> _Found:
     and nothing is changed.
     """
     if len(found.setup.rows) != 1 or 0 not in found.fitted.shape.powers:
+        return found
+    if not shows_drift(find_segments(found.setup.rows, found.setup.span)):
         return found
     (error,), (pick,) = found.residuals(), found.setup.picks
     means = np.array([part.mean() for part in np.array_split(error[pick], TUNING.parts)])
@@ -247,10 +296,10 @@ def _require_one_stage(
         if int(np.count_nonzero(pick)) < TUNING.fewest_rows:
             continue
         own = replace(setup, rows=[one], picks=[pick])
-        fitted = fit_all(own, start, f.r, options.order)
-        own = fitted.setup
-        left = own.residuals(fitted.r, fitted.shape, fitted.params, found.offset, found.lag)[0]
-        alone.append(rms(left[pick]))
+        # without the dynamics too: those of different stages together are no stage's
+        starts = [start] if start.lag is None else [start, replace(start, lag=None)]
+        lefts = [_left(one, fit_all(own, one, f.r, options.order), own.picks) for one in starts]
+        alone.append(min(*lefts, rms(error[pick])))
         together.append(rms(error[pick]))
         sizes.append(float(np.std(one.y[pick])))
     names = [one.name for one in setup.rows]
@@ -273,16 +322,15 @@ def _result(
         estimate_noise(e, quantum(one.y)) for e, one in zip(residuals, setup.rows, strict=True)
     ]
     noise = float(np.nanmedian(noises))
-    power = sum(float(np.sum(e[p] ** 2)) for e, p in zip(residuals, picks, strict=True))
-    size = sum(int(np.count_nonzero(p)) for p in picks)
-    left = float(np.sqrt(power / size))
+    own = np.concatenate([e[p] for e, p in zip(residuals, picks, strict=True)])
+    left = rms(own)
     rivals = [c for c in found.tried if is_rival(found.best, c)]
     spread = measure_spread(found.flat, found.coarse, found.best, rivals)
-    own = np.concatenate([e[p] for e, p in zip(residuals, picks, strict=True)])
-    if found.drifted:  # the interval holds next to a drift, which has a note of its own
+    steady = None
+    if found.drifted:  # claims hold next to a drift, which has a note of its own
         own = detrend(own)
-    known = (spread, noise, float(np.quantile(np.abs(own), 0.95)))
-    band = estimate_band(setup, fitted, found.offset, jackknife, known)
+        steady = rms(own) * max(1.0, fitted.scored.held_rms / fitted.scored.fitted_rms)
+    band = estimate_band(setup, fitted, found.offset, jackknife, (spread, noise))
     model = setup.model(fitted.r, fitted.shape, found.params, found.offset, found.lag)
     rates = setup.rates(fitted.r) if fitted.shape.rate else 0.0
     if setup.limits is not None and not is_invertible(
@@ -292,17 +340,20 @@ def _result(
             f"{setup.rows[0].name}: no invertible model was found; fix a simpler one with "
             "--static --saturation 1"
         )
-    stroke = describe(replace(model, validity=_find_validity(setup, setup.rows))).stroke
+    validity = _find_validity(setup)
+    most = TUNING.quarter * describe(replace(model, validity=validity)).stroke
+    shown = band <= most and not has_one_size(find_segments(setup.rows, setup.span))
     model = replace(
         model,
-        validity=_find_validity(setup, setup.rows),
+        validity=validity,
         drive_unit=recordings[0].drive_unit,
         displacement_unit=recordings[0].displacement_unit,
         fit=Fit(
             left,
             fitted.held_rms(left),
             noise,
-            band if band <= TUNING.quarter * stroke else None,
+            band if shown else None,
+            steady,
         ),
         provenance=Provenance(
             source="dehyst identify",
@@ -340,8 +391,8 @@ def _result(
     )
 
 
-def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:
-    slowest = []
+def _find_validity(setup: FitSetup) -> Validity:
+    rows, slowest = setup.rows, []
     for one in rows:
         known = ~np.isnan(one.u)
         slowest.append(measure_slowest_s(one.t_s[known], one.u[known], setup.span))

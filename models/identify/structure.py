@@ -77,6 +77,11 @@ class TriedStructure:
         return float(np.sqrt(self.held.sum() / max(1.0, self.sizes.sum())))
 
     @property
+    def fitted_rms(self) -> float:
+        """Rms error over all stretches in the fit to all."""
+        return float(np.sqrt(self.fitted.sum() / max(1.0, self.sizes.sum())))
+
+    @property
     def size(self) -> int:
         """Complexity beyond the simplest structure."""
         shape = self.shape

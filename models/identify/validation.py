@@ -145,7 +145,7 @@ def validate(model: Model, recording: Recording) -> Validation:
     own, drive = _correlate(error - offset, u)
     fit = model.fit
     step = quantum(y[read])
-    noise, within = estimate_noise(error, step), None
+    noise, within = estimate_noise(_without_motion(error, predicted), step), None
     outside = _find_outside(model, u, t)
     stated = ~(outside | _find_slower(model, u, t)) & ~np.isnan(error)
     share = float(np.count_nonzero(stated)) / float(np.count_nonzero(~np.isnan(error)))
@@ -153,7 +153,7 @@ def validate(model: Model, recording: Recording) -> Validation:
         reach = np.hypot(fit.band, SURE * noise)
         judged = error[stated]
         within = float(np.mean(np.abs(judged - judged.mean()) <= reach))
-    claim = max((x for x in (fit.holdout_rms, fit.rms) if x is not None), default=None)
+    claim = fit.claim
     return Validation(
         name=recording.name,
         unit=model.displacement_unit,
@@ -174,6 +174,16 @@ def validate(model: Model, recording: Recording) -> Validation:
         noisier=_find_noisier(error, noise, fit.noise_rms if fit.noise_rms is not None else claim),
         coarse=fit.band is not None and step > 2.0 * fit.band,
     )
+
+
+def _without_motion(error: Floats, predicted: Floats) -> Floats:
+    """Return the error (N,) without what the predicted motion explains of it, at the row and its
+    neighbours: a wrong gain is no noise, however few rows there are to a cycle."""
+    moved = np.stack([np.roll(predicted, k) for k in (-1, 0, 1)] + [np.ones(error.size)], axis=1)
+    known = ~np.isnan(error) & ~np.isnan(moved).any(axis=1)
+    if np.count_nonzero(known) < 2 * LAGS:
+        return error
+    return error - moved @ np.linalg.lstsq(moved[known], error[known], rcond=None)[0]
 
 
 def _find_noisier(error: Floats, noise: float, claimed: float | None) -> float:

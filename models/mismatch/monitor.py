@@ -106,7 +106,7 @@ class MismatchMonitor:
         stroke = max(float(np.ptp(ends)), 1e-12)
         fit = model.fit
         self.noise = max(fit.noise_rms or fit.rms or 0.002 * stroke, 1e-5 * stroke)
-        misfit = max(fit.holdout_rms or 0.0, fit.rms or 0.0, 2.0 * self.noise) / self.noise
+        misfit = max(fit.claim or 0.0, 2.0 * self.noise) / self.noise
         lag = max(1, round(1.0 / (period_s * TUNING.fast_hz)))
         prior = np.full(kernel.N_FEATURES, TUNING.prior * misfit**2)
         prior[0] = (0.05 * stroke / self.noise) ** 2  # the sensor's zero is free

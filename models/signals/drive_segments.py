@@ -150,7 +150,14 @@ def repeats_one_loop(recordings: Sequence[DriveSegments]) -> bool:
     known = [ways for ways in recordings if ways.durations.size >= 2]
     if not known:
         return True
-    return find_one_period(known) is not None and _alike([ways.sizes for ways in known])
+    return find_one_period(known) is not None and has_one_size(known)
+
+
+def has_one_size(recordings: Sequence[DriveSegments]) -> bool:
+    """Return whether the segments of all recordings are alike in size: loops of other sizes are not
+    shown. Recordings of fewer than two segments show no loop."""
+    known = [ways for ways in recordings if ways.durations.size >= 2]
+    return not known or _alike([ways.sizes for ways in known])
 
 
 def _alike(values: Sequence[Floats]) -> bool:

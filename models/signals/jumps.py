@@ -10,6 +10,8 @@ STEEPEST = 4.0
 hysteresis does not rise: play operators with creep stay below 3."""
 SIGMAS = 6.0
 """Least size of a jump, in standard deviations of the difference of two readings."""
+LEAST = 0.025
+"""Least size of a jump, as a fraction of the range: a plane of few relays has smaller ones."""
 EVEN = 0.3
 """Largest share of its way that a drive may make in the fastest twentieth of its rows: 0.16 for a
 sine, 0.05 for a triangle. After a quick ramp of the drive a late reading jumps."""
@@ -31,7 +33,8 @@ def measure_share_in_jumps(u: Floats, y: Floats) -> tuple[float, int]:
     mean = float(np.ptp(y) / np.ptp(u))
     ahead = dy - np.sign(gain) * mean * du
     noise = 1.4826 * float(np.median(np.abs(ahead - np.median(ahead))))
-    most = np.maximum(SIGMAS * noise, STEEPEST * mean * np.abs(du))
+    least = max(SIGMAS * noise, LEAST * float(np.ptp(y)))
+    most = np.maximum(least, STEEPEST * mean * np.abs(du))
     at: Ints = np.flatnonzero(np.abs(dy) > most)
     along = dy[at] * np.sign(gain) * du[at]
     if not at.size or np.count_nonzero(along > 0.0) < (1.0 - 1.0 / SIGMAS) * at.size:

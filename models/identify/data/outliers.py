@@ -13,6 +13,11 @@ PAUSE = 4.0
 """Sampling periods: what changes across a longer pause is no glitch."""
 
 
+LONE = 3.0
+"""Deviation over the steps of the drive nearby from which a lone value is wild: the peak of a
+sawtooth before its flyback deviates by two."""
+
+
 def remove_glitches(name: str, t: Floats, u: Floats, notes: list[str]) -> Floats:
     """Return the drive u (N,) with lone wild values as NaN; a glitch would stay in the memory of
     every operator. t: (N,) times."""
@@ -62,8 +67,9 @@ def _find_glitches(v: Floats) -> Bools:
     for step in (1, 2):
         largest[step:] &= jumps[step:] >= jumps[:-step]
         largest[:-step] &= jumps[:-step] >= jumps[step:]
-    lone = (jumps > 0.85 * off) & largest
-    return (off > limit) & (lone | (off > TUNING.far * _measure_steps(v)))
+    steps = _measure_steps(v)
+    lone = (jumps > 0.85 * off) & largest & (off > LONE * steps)
+    return (off > limit) & (lone | (off > TUNING.far * steps))
 
 
 @njit(cache=True, nogil=True)

@@ -20,6 +20,7 @@ from dehyst.models.signals.drive_segments import (
 )
 from dehyst.models.signals.joined import Ints
 from dehyst.models.signals.jumps import measure_share_in_jumps
+from dehyst.models.signals.rounding import quantum
 
 BUTTERFLY = (
     "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "
@@ -36,6 +37,9 @@ below which the displacement is a copy of the drive."""
 IN_JUMPS, FEWEST_JUMPS = 0.15, 4
 """Largest share of its way that a reading may make in jumps, where gauges with outliers, hum and
 polled readings reach 0.03 and stick-slip begins at 0.2; number that is no chance."""
+ROUNDED, EXACT = 0.5, 1e-3
+"""Residual of the same over the steps of both columns, where they are written with few digits;
+largest step over the range for which that is no coarse gauge."""
 LEVELS, FEWEST_AT_A_LEVEL = 20, 3
 """Number of drive levels at which rising and falling readings are compared; least number of
 readings of each."""
@@ -116,6 +120,7 @@ def require_own_input(
                 f"outliers); the model leaves {one.other_rms:.3g} {unit} rms there and "
                 f"{one.fitted_rms:.3g} in the others"
             )
+        _require_another_signal(one.name, its.u, its.y)
         _require_no_jumps(one.name, its.u, its.y)
         _require_smooth(one.name, its.u, its.y)
     figures = describe(model)
@@ -152,13 +157,23 @@ def require_ordinary_loop(recordings: Sequence[Recording]) -> None:
             continue  # too short, or a dead gauge: read_rows reports these
         if is_butterfly(one.drive, one.displacement):
             raise BadRecording(f"{one.name}: {BUTTERFLY}")
-        turns = np.any(np.diff(u) > 0) and np.any(np.diff(u) < 0)
-        if turns and measure_line(u, y) <= SAME_SIGNAL * float(np.std(y)):
-            raise BadRecording(
-                f"{one.name}: the displacement is the drive times a constant, without noise: both "
-                "columns hold the same signal; give the column of the gauge (--columns y=...)"
-            )
+        if np.any(np.diff(u) > 0) and np.any(np.diff(u) < 0):
+            _require_another_signal(one.name, u, y)
         _require_narrow(one.name, measure_loop_width(u, y))
+
+
+def _require_another_signal(name: str, u: Floats, y: Floats) -> None:
+    """Raise BadRecording if the displacement (N,) is the drive (N,) times a constant, but for
+    rounding."""
+    known = ~np.isnan(u) & ~np.isnan(y)
+    u, y = u[known], y[known]
+    line, step = measure_line(u, y), quantum(y) / float(np.ptp(y)) + quantum(u) / float(np.ptp(u))
+    rounding = ROUNDED * step * float(np.ptp(y)) if step < EXACT else 0.0
+    if line <= max(SAME_SIGNAL * float(np.std(y)), rounding):
+        raise BadRecording(
+            f"{name}: the displacement is the drive times a constant, without noise: both columns "
+            "hold the same signal; give the column of the gauge (--columns y=...)"
+        )
 
 
 def _require_no_jumps(name: str, u: Floats, y: Floats) -> None:

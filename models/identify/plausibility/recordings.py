@@ -180,7 +180,11 @@ def require_one_stage(
     together, alone: (G,) rms residuals of each recording with the common model and with its own;
     sizes: (G,) standard deviations of their displacements.
     """
-    ratio = np.array(together) / np.maximum(alone, 1e-300)
+    lower_median = float(np.sort(alone)[(len(alone) - 1) // 2])
+    usual = max(lower_median, 1e-300)  # what a model of this class leaves of the stage
+    ratio = np.array(together) / np.maximum(alone, usual)
+    apart = np.array(together) / np.maximum(sizes, 1e-300)
+    ratio = np.where(apart > TUNING.crumb, ratio, 1.0)
     if len(names) < 2 or float(np.max(ratio)) <= TUNING.twice:
         return ""
     figures = ", ".join(
@@ -190,7 +194,7 @@ def require_one_stage(
     stays = np.array(alone) / np.maximum(sizes, 1e-300)  # 1: it does not follow its own drive
     silent = float(stays.min()) < TUNING.half <= float(stays.max())
     odd = names[int(np.argmax(stays if silent else ratio))]
-    if float(np.max(ratio)) <= TUNING.far:
+    if float(np.max(ratio)) <= TUNING.far or float(np.max(apart)) <= TUNING.small:
         return (
             f"{odd} is less like the others: one model leaves {figures} rms; "
             "were stage, load and unit the same?"

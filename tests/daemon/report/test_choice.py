@@ -24,7 +24,8 @@ def test_what_each_part_gains_in_prediction_is_given(
     (block,) = found.model.blocks
     assert block.kind in ("lag", "delay")
     text = explain_choice(found)
-    without = min(c.held_rms for c in found.tried if c.lag is None)
+    assert not found.shape.rate
+    without = min(c.held_rms for c in found.tried if c.lag is None and not c.shape.rate)
     assert without > 2.0 * found.chosen.held_rms
     assert f"{found.chosen.held_rms:.3g} um" in text
     assert f"{without:.3g} um without the {block.kind}" in text

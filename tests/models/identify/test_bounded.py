@@ -39,7 +39,7 @@ def test_elimination_is_the_fit_of_the_smaller_model() -> None:
     b = rng.standard_normal(rows)
     eq = Normal(a.T @ a, a.T @ b, float(b @ b), rows, float(b @ b))
     low = np.r_[np.full(2 * finest, 0.05), -np.inf]
-    grids = eliminate(eq, eq, low, finest, True)
+    grids = eliminate(eq, low, finest, True)
     assert [len(g.kept) for g in grids] == [6, 5, 4, 3, 2, 1]
     for grid in grids:
         edges = [*grid.kept, finest]
@@ -47,7 +47,7 @@ def test_elimination_is_the_fit_of_the_smaller_model() -> None:
         columns = np.column_stack([*merged, a[:, -1]])
         bounds = np.r_[np.full(2 * len(grid.kept), 0.05), -np.inf]
         best = lsq_linear(columns, b, bounds=(bounds, np.inf), method="bvls", tol=1e-13)
-        assert grid.train == pytest.approx(2 * best.cost, rel=1e-6)
+        assert grid.misfit == pytest.approx(2 * best.cost, rel=1e-6)
 
 
 def test_cubic_thresholds_are_fine_where_small() -> None:

@@ -139,7 +139,7 @@ def test_the_held_out_error_is_that_of_the_model_with_the_offset_of_the_end() ->
 def test_a_lag_beside_a_drift_and_several_sizes_is_found() -> None:
     found = identify([beside_drift(1, 0.02)])
     assert [block.kind for block in found.model.blocks] == ["lag"]
-    assert not any("one rate" in note for note in found.notes)
+    assert not any("is static" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("tau_s", [0.006, 0.015, 0.04])

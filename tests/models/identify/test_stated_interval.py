@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from tests.rigs.outside import lagged, noisy, stage, times
+from tests.rigs.outside import noisy, stage, times
 
 from dehyst.models.identify import Identification, Options, identify
 from dehyst.models.identify.band import is_rival
@@ -100,13 +100,3 @@ def test_errors_without_a_stretch_are_those_of_a_fit_without_it() -> None:
         without = np.linalg.lstsq(x[rest], y[rest], rcond=None)[0]
         assert found.left_out[at] == pytest.approx(y[at] - x[at] @ without, abs=1e-9)
     assert found.by_noise == pytest.approx(np.linalg.inv(x.T @ x), rel=1e-9)
-
-
-@pytest.mark.parametrize("seed", [1, 3, 5])
-def test_the_interval_holds_on_the_recordings_that_it_comes_from(seed: int) -> None:
-    """The residual of these is large in few places: its rms hides that."""
-    found = identify(lagged(seed, (0.5, 4.0), 0.02))
-    own = np.concatenate([e[k] for e, k in zip(found.residuals, found.used, strict=True)])
-    band = found.model.fit.band
-    assert band is not None
-    assert np.mean(np.abs(own) <= np.hypot(band, 1.96 * found.noise_rms)) > 0.945

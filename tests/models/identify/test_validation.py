@@ -122,3 +122,17 @@ def test_a_drive_that_never_moves_shows_nothing(noise_um: float) -> None:
     still = Recording(np.arange(2000) / 500.0, np.full(2000, 40.0), y, name="still.csv")
     with pytest.raises(BadInput, match=r"still.csv: the drive stays at 40 V throughout"):
         validate(model, still)
+
+
+def test_a_wrong_gain_is_no_noise_where_there_are_few_rows_to_a_cycle() -> None:
+    """Four rows to a cycle: the error changes from row to row, as noise does."""
+    rng = np.random.default_rng(1)
+    t = np.arange(4000) * 0.01
+    u = rng.uniform(0.0, 100.0, t.size)
+    y = stage(u)
+    model = identify([Recording(t, u, y + 0.005 * rng.standard_normal(t.size))]).model
+    fresh = rng.uniform(0.0, 100.0, t.size)
+    wrong = 1.15 * stage(fresh) + 0.005 * rng.standard_normal(t.size)
+    result = validate(model, Recording(t, fresh, wrong))
+    assert result.worse
+    assert result.noise < 0.05

@@ -145,9 +145,9 @@ CHANGES += room(
     ),
     Change(
         "dynamics-from-one-loop",
-        CHOICE,
-        "    found = _choose(setup, options, progress, repeats_one_loop(drives))\n",
-        "    found = _choose(setup, options, progress, False)\n",
+        "models/identify/choice.py",
+        "lags=not repeats_one_loop(drives))",
+        "lags=True)",
         "a lag is reported that another rate refutes",
     ),
     Change(
@@ -324,6 +324,13 @@ CHANGES += (
             "a good model is refused because of the gauge that it is judged with",
         ),
         Change(
+            "a-wrong-gain-is-noise",
+            VALIDATION,
+            "estimate_noise(_without_motion(error, predicted), step)",
+            "estimate_noise(error, step)",
+            "a wrong gain is the gauge's noise where there are few rows to a cycle",
+        ),
+        Change(
             "noise-excuses-all",
             VALIDATION,
             "power = (noise * (1.0 + doubt)) ** 2",
@@ -449,13 +456,55 @@ CHANGES += (
         ),
     )
     + room(
-        ("tests/models/identify/test_stated_interval.py",),
+        ("tests/models/identify/test_failed_fits.py",),
         Change(
-            "narrower-than-its-own-errors",
-            "models/identify/band.py",
-            "max(0.0, left_out, held, own**2 - (Z95 * noise) ** 2)",
-            "max(0.0, left_out, held)",
-            "an interval does not hold on the recordings that it comes from",
+            "rate-from-one-period",
+            "models/identify/choice.py",
+            "shown = Shown(rates=period_s is None,",
+            "shown = Shown(rates=True,",
+            "a static stage of another class is given a rate-dependence",
+        ),
+        Change(
+            "drift-of-a-decay",
+            "models/identify/choice.py",
+            "[0, 1]) <= WITH_TIME)",
+            "[0, 1]) <= 1.0)",
+            "loops that shrink are said to drift",
+        ),
+        Change(
+            "failed-fit-is-taken",
+            "models/identify/identification.py",
+            "        strays = left > min(TUNING.twice * best.held_rms, line)\n",
+            "        strays = False\n",
+            "a fit that did not converge is written",
+        ),
+        Change(
+            "another-class-is-another-stage",
+            "models/identify/plausibility/recordings.py",
+            "ratio = np.array(together) / np.maximum(alone, usual)",
+            "ratio = np.array(together) / np.maximum(alone, 1e-300)",
+            "recordings of one stage are refused as of different ones",
+        ),
+        Change(
+            "an-interval-for-all-sizes",
+            "models/identify/identification.py",
+            "shown = band <= most and not has_one_size(find_segments(setup.rows, setup.span))",
+            "shown = band <= most",
+            "an interval is stated for loops of sizes that were not driven",
+        ),
+        Change(
+            "the-drift-is-claimed",
+            "models/model.py",
+            "        if self.steady_rms is not None:\n",
+            "        if False:\n",
+            "a wrong model is as good as it claims, as its recording drifted",
+        ),
+        Change(
+            "rounded-copies-are-taken",
+            "models/identify/plausibility/own_input.py",
+            "rounding = ROUNDED * step * float(np.ptp(y)) if step < EXACT else 0.0",
+            "rounding = 0.0",
+            "a copied column is identified as a stage",
         ),
     )
     + room(
