@@ -46,26 +46,23 @@ class Choice(NamedTuple):
     shown: Shown
     ramp: float = 0.0
 
-    def outlasts_drift(self, period_s: float) -> bool:
-        """Return whether the chosen dynamics predict next to a drift too."""
-        return self.search.outlasts_drift(self.best, self.tried, period_s)
-
 
 def make_choice(setup: FitSetup, options: Options, progress: Callable[[str], None]) -> Choice:
     """Choose the structure of a model of these recordings."""
     drives = find_segments(setup.rows, setup.span)
     period_s = find_one_period(drives)
-    shown = Shown(rates=period_s is None, lags=not repeats_one_loop(drives))
+    lags = not repeats_one_loop(drives)
+    shown = Shown(rates=lags and period_s is None, lags=lags)
     found = _choose(setup, options, progress, shown)
     if ramp := _find_ramp(found, drives):
         rest = without_ramp(found.setup, ramp)
         flat = _choose(rest, options, progress, shown, ramp, found.notes)
         if flat.best.held_rms**2 < (1.0 - TUNING.minor) * found.best.held_rms**2:
             found = flat
-    if period_s is None:
+    if shown.rates:
         return found
     hidden = "rate-dependence cannot be distinguished from the hysteresis"
-    if found.best.lag is not None and found.outlasts_drift(period_s):
+    if found.best.lag is not None and _outlasts_drift(found, period_s):
         left = f"one rate: {hidden}, and the model has none"
     else:
         left = f"lag, delay, resonance and {hidden}, and the model is static"
@@ -120,6 +117,11 @@ def _find_ramp(found: Choice, drives: Sequence[DriveSegments]) -> float:
         shape = replace(best.shape, powers=(0, *best.shape.powers))
         best = replace(best, shape=shape, params=constant)
     return found.search.find_ramp(best, 2.0 * float(np.median(ways.durations)))
+
+
+def _outlasts_drift(found: Choice, period_s: float | None) -> bool:
+    """Return whether the chosen dynamics predict next to a drift too."""
+    return period_s is not None and found.search.outlasts_drift(found.best, found.tried, period_s)
 
 
 def shows_drift(drives: Sequence[DriveSegments]) -> bool:
