@@ -146,15 +146,15 @@ CHANGES += room(
     Change(
         "dynamics-from-one-loop",
         "models/identify/choice.py",
-        "lags=not repeats_one_loop(drives))",
-        "lags=True)",
+        "lags = not repeats_one_loop(drives)",
+        "lags = True",
         "a lag is reported that another rate refutes",
     ),
     Change(
         "dynamics-from-a-drift",
         CHOICE,
-        "    outlasts = period_s is None or not dynamic or found.outlasts_drift(period_s)\n",
-        "    outlasts = True\n",
+        "    return period_s is not None and found.search",
+        "    return True or found.search",
         "a drift under loops of several sizes is reported as a lag",
     ),
     Change(
@@ -460,8 +460,8 @@ CHANGES += (
         Change(
             "rate-from-one-period",
             "models/identify/choice.py",
-            "shown = Shown(rates=period_s is None,",
-            "shown = Shown(rates=True,",
+            "Shown(rates=lags and period_s is None,",
+            "Shown(rates=lags,",
             "a static stage of another class is given a rate-dependence",
         ),
         Change(
