@@ -162,6 +162,6 @@ def _errors_by_recording(out: Page, diagnosis: Diagnosis) -> None:
     rows = []
     for view in diagnosis.views:
         models = (view.base, view.augmented)
-        errors = [k * finite_rms((view.displacement - y)[view.held_out]) for y in models]
+        errors = [k * finite_rms((view.displacement - y)[view.counted]) for y in models]
         rows.append([view.name, *(f"{error:.3g} {unit}" for error in errors)])
     out.add_table(["recording", *MODELS], rows)

@@ -50,7 +50,7 @@ def draw_model_error(diagnosis: Diagnosis, view: FitView, axes: Axes) -> str:
     for (name, color, label), when in zip(MODELS, ("before", "after"), strict=True):
         error = k * (view.displacement - getattr(view, name))
         draw_trace(axes, view.t_s, error, color, label)
-        said.append(f"{finite_rms(error[view.held_out]):.3g} {unit} {when}")
+        said.append(f"{finite_rms(error[view.counted]):.3g} {unit} {when}")
     draw_noise_band(axes, k * diagnosis.noise)
     limit_to(axes, k * (view.displacement - view.base))
     axes.set(xlabel="time, s", ylabel=f"measured - model, {unit}", title=f"error {', '.join(said)}")
@@ -137,7 +137,7 @@ def _draw_swings(diagnosis: Diagnosis, axes: Axes) -> str:
     """Draw the mean error in the direction of motion over the travel since the last reversal."""
     k, unit = choose_scale(diagnosis)
     _, error, rising = _loop_samples(diagnosis)
-    swing = np.concatenate([_swing(v)[v.held_out] for v in diagnosis.views])
+    swing = np.concatenate([_swing(v)[v.counted] for v in diagnosis.views])
     top = float(swing.max()) or 1.0
     edges = np.linspace(0.0, top, 16)
     centre = 0.5 * (edges[1:] + edges[:-1])
@@ -156,9 +156,9 @@ def _draw_swings(diagnosis: Diagnosis, axes: Axes) -> str:
 
 def _loop_samples(diagnosis: Diagnosis) -> tuple[Floats, Floats, Bools]:
     views = diagnosis.views
-    drive = np.concatenate([v.drive[v.held_out] for v in views])
-    error = np.concatenate([(v.displacement - v.base)[v.held_out] for v in views])
-    rising = np.concatenate([(_last_direction(v) > 0)[v.held_out] for v in views])
+    drive = np.concatenate([v.drive[v.counted] for v in views])
+    error = np.concatenate([(v.displacement - v.base)[v.counted] for v in views])
+    rising = np.concatenate([(_last_direction(v) > 0)[v.counted] for v in views])
     return drive, error, rising
 
 
@@ -210,8 +210,8 @@ def _draw_place(
 ) -> str:
     """Draw the held-out rms error of both models in each bin as steps, and the noise."""
     k, unit = choose_scale(diagnosis)
-    held_out = np.concatenate([v.held_out for v in diagnosis.views])
-    ok = np.isfinite(place) & where & held_out
+    counted = np.concatenate([v.counted for v in diagnosis.views])
+    ok = np.isfinite(place) & where & counted
     axes.set(xlabel=label, title=f"by {label.rsplit(', ', 1)[0]}")
     if edges.size < 2 or ok.sum() < FEW:
         axes.text(

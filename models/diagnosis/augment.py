@@ -17,6 +17,7 @@ from dehyst.models.diagnosis.effects import apply_output_effects
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.identify.data.comparison_drive import make_comparison_drive
 from dehyst.models.identify.uncertainty import measure_band_hz
 from dehyst.models.model import Block, Fit, Hysteresis, Model, Provenance
 from dehyst.models.physics import DriveScale, bent_loops, curved_plays, lead, with_blocks
@@ -120,6 +121,18 @@ def is_within_reach(model: Model, data: Data) -> bool:
     room = (TUNING.quarter + REACH_BEYOND) * float(np.ptp(data.y))
     here = bool(np.all(np.isfinite(y)))
     return here and y.min() >= data.y.min() - room and y.max() <= data.y.max() + room
+
+
+def measure_difference_elsewhere(model: Model, other: Model, data: Data) -> float:
+    """Return the rms difference of two models, but for a constant, on slow loops of several sizes
+    all over the recorded range."""
+    u = make_comparison_drive(data.u_min, data.u_min + data.span, 0.0).u
+
+    def play(one: Model) -> Floats:
+        channels = {key: np.full(u.size, data.channels[key].mean()) for key in channels_of(one)}
+        return simulate(one, REACH_S, u, channels)
+
+    return float(np.std(play(model) - play(other)))
 
 
 def slow_sweeps(data: Data) -> Floats:

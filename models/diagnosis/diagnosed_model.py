@@ -42,13 +42,15 @@ BY_HEART = 5.0  # held-out rms over fit rms: above, the model predicts no other 
 class DiagnosedModel:
     """model: the model in use; given: by the user, not identified here; carries: the fits add to
     it; refused: why identification rejected the recordings; odd: the recording that it found not to
-    belong to the others."""
+    belong to the others; dynamic: the model that identification found, where that has dynamics in
+    addition."""
 
     model: Model
     given: bool = False
     carries: bool = False
     refused: str = ""
     odd: str = ""
+    dynamic: Model | None = None
 
     @cached_property
     def drive_blocks(self) -> tuple[Block, ...]:
@@ -147,7 +149,7 @@ def identify_plain_model(recordings: Sequence[Recording], data: Data) -> Diagnos
     """Identify the plain model of these recordings. Where identification finds linear dynamics in
     addition to the hysteresis, refuses, or predicts only the rows that it was fitted to, fit the
     hysteresis here without dynamics."""
-    refused, odd, r = "", "", THRESHOLDS * data.span
+    refused, odd, dynamic, r = "", "", None, THRESHOLDS * data.span
     try:
         model = identify_alone(recordings, Options(rate=False)).model
     except (DehystError, ValueError) as error:  # also raised when there is no row to fit
@@ -158,8 +160,8 @@ def identify_plain_model(recordings: Sequence[Recording], data: Data) -> Diagnos
         if predicts and not model.blocks:
             return DiagnosedModel(model)
         if predicts:
-            r = model.hysteresis.r
-    return DiagnosedModel(fit_plain_model(data, r), refused=refused, odd=odd)
+            r, dynamic = model.hysteresis.r, model
+    return DiagnosedModel(fit_plain_model(data, r), refused=refused, odd=odd, dynamic=dynamic)
 
 
 def fit_plain_model(data: Data, r: Floats) -> Model:

@@ -84,11 +84,17 @@ class Refitted(WritableFit):
 class HeldOutErrors(NamedTuple):
     """Errors on rows that were left out. mean_square, known: of all of them, before and after
     removing what belongs to one recording alone, such as the phase of a line, which no model can
-    know for another recording; worst: rms of the recording that is predicted worst."""
+    know for another recording; of_each: rms of each recording."""
 
     mean_square: float
     known: float
-    worst: float
+    of_each: tuple[float, ...]
+
+    def worsens(self, other: "HeldOutErrors", margin: float) -> bool:
+        """Return whether any recording is predicted worse than by `other`, by more than a
+        margin."""
+        pairs = zip(self.of_each, other.of_each, strict=True)
+        return any(mine > theirs + margin for mine, theirs in pairs)
 
 
 @dataclass(frozen=True)
@@ -109,8 +115,8 @@ class HeldOutGroups:
             each[:, self.data.rec[np.argmax(group)]] += np.array([left @ left, left.size])
         count = sum(int((g & self.data.rows).sum()) for g in self.groups)
         sums = np.where(np.isfinite(sums), sums, np.inf) / max(count, 1)
-        worst = np.sqrt((each[0] / np.maximum(each[1], 1.0)).max())
-        return HeldOutErrors(float(sums[0]), float(sums[1]), float(worst))
+        of_each = np.sqrt(each[0] / np.maximum(each[1], 1.0))
+        return HeldOutErrors(float(sums[0]), float(sums[1]), tuple(of_each.tolist()))
 
     def _error(self, model: Model, group: Bools) -> Floats:
         """Return the error on the group's counted rows, less its mean over the recording's other

@@ -115,7 +115,7 @@ class Limit:
 @dataclass(frozen=True)
 class FitView:
     """One recording for pictures; arrays (M,). base: the model in use; augmented: the augmented
-    model; each as simulated, less its mean error; held_out: samples that count."""
+    model; each as simulated, less its mean error; counted: samples that count."""
 
     name: str
     t_s: Floats
@@ -123,7 +123,7 @@ class FitView:
     displacement: Floats
     base: Floats
     augmented: Floats
-    held_out: Bools
+    counted: Bools
 
 
 @dataclass(frozen=True)
@@ -153,10 +153,10 @@ class Diagnosis:
     @property
     def before_after(self) -> tuple[float, float]:
         """Rms error of the model in use and of the augmented model, over all samples that count."""
-        total = sum(int(v.held_out.sum()) for v in self.views)
+        total = sum(int(v.counted.sum()) for v in self.views)
         return tuple(  # type: ignore[return-value]
             math.sqrt(
-                sum(float((((v.displacement - y(v))[v.held_out]) ** 2).sum()) for v in self.views)
+                sum(float((((v.displacement - y(v))[v.counted]) ** 2).sum()) for v in self.views)
                 / max(total, 1)
             )
             for y in (lambda v: v.base, lambda v: v.augmented)

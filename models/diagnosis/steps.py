@@ -18,8 +18,14 @@ from dehyst.models.diagnosis.findings.reported import is_narrow
 from dehyst.models.diagnosis.findings.shape import mark_not_contained
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState
 from dehyst.models.diagnosis.result import Diagnosis, Finding, FitView, Value
-from dehyst.models.diagnosis.search_problem import Progress, choose_base, join_recordings
+from dehyst.models.diagnosis.search_problem import (
+    Prepared,
+    Progress,
+    choose_base,
+    join_recordings,
+)
 from dehyst.models.diagnosis.searched import look_for_causes
+from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.diagnosis.verdict import Judged, reach_verdict
 from dehyst.models.model import Fit, Model
 from dehyst.models.physics.candidate import Candidate, Sighting
@@ -46,15 +52,39 @@ def diagnose(
     say = progress or (lambda text, fraction: None)
     prepared = join_recordings(recordings, model, say)
     judged = reach_verdict(look_for_causes(choose_base(prepared, several, say), say), say)
-    odd = prepared.diagnosed.odd
+    odd = prepared.diagnosed.odd or _find_odd(prepared)
     rest = [one for one in recordings if one.name != odd]
     if judged.verdict in ("unknown", "partly") and 1 < len(rest) == len(recordings) - 1:
         say(f"without {odd}", 0.0)
         others = diagnose(rest, model, progress, several, with_limits)
         if others.verdict in ("clean", "explained"):
-            says = f"the recording {odd} does not belong to the others, and was left out"
+            (one,) = (one for one in recordings if one.name == odd)
+            left = _predict_centred(others.model, one)
+            says = (
+                f"the recording {odd} does not belong to the others, and was left out"
+                if _rms(left) > TUNING.near * others.noise
+                else f"the recording {odd} was left out of the fits, and the model predicts it"
+            )
             return replace(others, data=replace(others.data, says=(says, *others.data.says)))
     return _report(judged, recordings, with_limits, say)
+
+
+def _find_odd(prepared: Prepared) -> str:
+    """Return the name of the one recording that a given model predicts much worse than all others;
+    "" if there is none."""
+    if not prepared.diagnosed.given or len(prepared.recordings) < TUNING.few:
+        return ""
+    left = [_rms(_predict_centred(prepared.diagnosed.model, one)) for one in prepared.recordings]
+    *_, second, worst = sorted(left)
+    odd = prepared.recordings[int(np.argmax(left))].name
+    return odd if worst > TUNING.foreign_times * second else ""
+
+
+def _predict_centred(model: Model, one: Recording) -> Floats:
+    """Return what a model leaves of a recording (N,), less its mean."""
+    assert one.displacement is not None
+    left = one.displacement - replay_recording(model, one).predicted
+    return np.asarray(left - np.nanmean(left))
 
 
 def _report(
@@ -83,8 +113,9 @@ def _report(
     base_model = diagnosed.model if diagnosed.given else with_rows_early(diagnosed.model, whole)
     views = tuple(_views(whole, recordings, (base_model, model)))
     rms: dict[str, Any] = {
-        "model": {v.name: _rms((v.displacement - v.base)[v.held_out]) for v in views},
-        "augmented": {v.name: _rms((v.displacement - v.augmented)[v.held_out]) for v in views},
+        "model": {v.name: _rms((v.displacement - v.base)[v.counted]) for v in views},
+        "augmented": {v.name: _rms((v.displacement - v.augmented)[v.counted]) for v in views},
+        "rows": {v.name: int(np.count_nonzero(v.counted)) for v in views},
         "heldout_model": float(np.sqrt(written.held_in_use.mean_square)),
         "heldout_augmented": float(np.sqrt(written.held.mean_square)),
     }

@@ -68,7 +68,7 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
     lost = not has_response_to_drive(data, unexplained) and not searched.shown
     verdict = "unknown" if lost else one.verdict
     first = one.conclusion.bare
-    in_use = HeldOutErrors(first, first, float(np.sqrt(first)))
+    in_use = HeldOutErrors(first, first, ())
     written = WrittenModel(bare.diagnosed.model, in_use, in_use)
     if BUTTERFLY not in searched.warnings:  # no model of a butterfly can be inverted
         written = choose_written_model(searched.whole, bare, one.conclusion, found.sigma)

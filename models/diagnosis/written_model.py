@@ -13,8 +13,14 @@ from itertools import chain
 import numpy as np
 
 from dehyst.models.cascade.simulate import simulate
-from dehyst.models.diagnosis.augment import REACH_S, is_within_reach, slow_sweeps
+from dehyst.models.diagnosis.augment import (
+    REACH_S,
+    is_within_reach,
+    measure_difference_elsewhere,
+    slow_sweeps,
+)
 from dehyst.models.diagnosis.base import ModelPrior, rich_base
+from dehyst.models.diagnosis.data.drive_path import is_one_period
 from dehyst.models.diagnosis.findings.weigh import Conclusion
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.held_out import (
@@ -57,7 +63,7 @@ def choose_written_model(
     data: Data, bare: Problem, weighed: Conclusion, sigma: float
 ) -> WrittenModel:
     """Return the plainest model that predicts what it was not fitted to as well as the best does,
-    with the worst recording no worse than with the model in use; the model in use where none
+    with no recording worse than with the model in use; the model in use where none
     predicts better or all would diverge. data: all samples."""
     problem, final = weighed.problem, weighed.final
     if problem.data.between is not None:  # a model assumes straight lines between samples
@@ -68,8 +74,9 @@ def choose_written_model(
         bare = bare.with_zero_order_hold(False, led=problem.data.led)
     bare = replace(bare, data=replace(bare.data, between=None))
     held_out = make_held_out_groups(problem, final, bare.data.u)
-    in_use = held_out.held_out_errors(lambda here: bare.diagnosed.model)
-    best, chosen = WrittenModel(bare.diagnosed.model, in_use, in_use), None
+    in_use_model = bare.diagnosed.model
+    in_use = held_out.held_out_errors(lambda here: in_use_model)
+    best, chosen = WrittenModel(in_use_model, in_use, in_use), None
     noise = (TUNING.trace * sigma) ** 2
     if not final.effects and not problem.base.width:
         return best
@@ -84,7 +91,12 @@ def choose_written_model(
             return None
         if held.mean_square > best.held.mean_square - noise:
             return None
-        if held.worst > in_use.worst + TUNING.strong * sigma:
+        if choice.shape and len(data.names) == 1:
+            known = bare.diagnosed.dynamic or in_use_model
+            elsewhere = measure_difference_elsewhere(model, known, data)
+            if elsewhere**2 > TUNING.near**2 * in_use.mean_square:
+                return None  # it goes on where this waveform has not been
+        if held.worsens(in_use, TUNING.strong * sigma):
             return None
         return WrittenModel(model, held, in_use, choice.contains, choice.shape, gained=True)
 
@@ -115,6 +127,8 @@ def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[Writa
     output = problem.output_of(final)
     if effects and not problem.diagnosed.given:
         yield Refitted(problem, final, False)
+    if is_one_period(problem.data):
+        return  # nor do loops of several sizes show what those around other places are like
     lightly = add_model_prior(problem, TUNING.leanings[0])
     stiffly = (replace(lightly, stiffness=stiffness) for stiffness in TUNING.stiffnesses)
     heavily = (add_model_prior(problem, weight) for weight in TUNING.leanings[1:])

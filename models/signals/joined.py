@@ -41,6 +41,7 @@ class Data:
     led: bool = False  # input of lags and modes: linear, half a sample earlier
     missing: int = 0  # samples of the grid without a reading
     repeats: int = 0  # samples that repeat the previous reading of a gauge polled too fast
+    frozen: int = 0  # samples of a gauge that is stuck or at its limit
     lone: int = 0  # readings that are far off both of their neighbours
     stalls: int = 0  # number of times the recorder stalled
     raw_index: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # -1: no row

@@ -1,9 +1,14 @@
-"""Find readings that a recorder took repeatedly because it polled the gauge too fast."""
+"""Find readings that a recorder took repeatedly because it polled the gauge too fast, and those of
+a gauge that is stuck or at its limit."""
 
 import numpy as np
 
 from dehyst.models.signals.joined import Bools, Floats, Ints
 
+FROZEN_ROWS, FROZEN_WAY = 10, 0.01  # exact repeats, and the share of its range by which the drive
+# moves meanwhile, that are no chance where the other readings have noise
+RARE = 0.05  # largest fraction of exact repeats among the other readings
+NOISY = 0.3  # least fraction of sign changes of the curvature: 0.7 for white noise, near 0 without
 LEAST_READINGS = 50  # fewer show no rule
 USUAL = 0.9  # least fraction of readings that last as long as the median, to within one row
 DISTINCT = 0.5  # least fraction of distinct readings: with fewer they are steps, not noise; and
@@ -38,6 +43,32 @@ def repeated_readings(y: Floats, drive: Floats) -> Bools:
         renewed = np.diff(moves[begins]) == 0  # a new reading although it is
         out[rows[same]] = np.mean(stood) <= DISTINCT or np.mean(renewed) >= DISTINCT
     return out
+
+
+def frozen_readings(y: Floats, drive: Floats) -> Bools:
+    """Return (N,) True where the reading stays exactly the same while the drive moves: the gauge is
+    stuck, or at its limit. All False where the other readings repeat too, or show no noise.
+
+    y, drive: (N,), NaN where missing.
+    """
+    out = np.zeros(y.size, dtype=bool)
+    rows = np.flatnonzero(np.isfinite(y) & np.isfinite(drive))
+    if rows.size < 2 * LEAST_READINGS:
+        return out
+    values, u = y[rows], drive[rows]
+    begins = np.flatnonzero(np.r_[True, values[1:] != values[:-1]])
+    ends = np.r_[begins[1:], rows.size]
+    span = float(np.ptp(u))
+    for begin, end in zip(begins, ends, strict=True):
+        if end - begin >= FROZEN_ROWS and np.ptp(u[begin:end]) > FROZEN_WAY * span:
+            out[rows[begin:end]] = True
+    rest = values[~out[rows]]
+    if rest.size < LEAST_READINGS:
+        return np.zeros(y.size, dtype=bool)
+    repeated = float(np.mean(np.diff(rest) == 0.0))
+    bends = np.diff(np.sign(np.diff(rest, 2)))
+    noisy = float(np.mean(bends != 0.0)) > NOISY
+    return out if repeated < RARE and noisy else np.zeros(y.size, dtype=bool)
 
 
 def _scatter(readings: Floats) -> bool:

@@ -10,6 +10,11 @@ import numpy as np
 
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Candidate
+from dehyst.models.signals.drive_segments import (
+    find_drive_segments,
+    find_one_period,
+    repeats_one_loop,
+)
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.periodic import fundamental_hz
 
@@ -23,6 +28,15 @@ SURELY = 4.0  # standard deviations, plus
 AGAINST = 0.01  # of the displacement's range: least move against the drive
 SAME_PLACE = 1e-3  # of the drive's range
 TURNS_OF_A_LOOP = 2.5  # largest number in a period: a loop turns twice
+
+
+def is_one_period(data: Data) -> bool:
+    """Return whether there is one recording, whose drive repeats with one period, whatever the
+    sizes of its loops, or is no longer than a loop."""
+    if len(data.names) > 1:
+        return False
+    ways = [find_drive_segments(data.t, data.u, data.span)]
+    return repeats_one_loop(ways) or find_one_period(ways) is not None
 
 
 def count_turns(data: Data, signal: Floats | None = None) -> int:

@@ -27,7 +27,7 @@ from dehyst.models.recording import Recording, typical_step
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 from dehyst.models.signals.lone import lone_readings
 from dehyst.models.signals.pasts import FRESH
-from dehyst.models.signals.repeats import repeated_readings
+from dehyst.models.signals.repeats import frozen_readings, repeated_readings
 
 FIRST_WAY = 0.8  # of the drive's range: end of the first sweep
 MISSED = "missed"  # channel of the daemon's recordings: 1 where the sample came late
@@ -50,6 +50,7 @@ class GriddedRecording:
     dt: float
     missing: int
     repeats: int
+    frozen: int
     lone: int
     stalls: int
 
@@ -60,10 +61,11 @@ def lay_on_grid(one: Recording) -> GriddedRecording:
     assert one.displacement is not None
     t, u, y = (np.asarray(a, dtype=float) for a in (one.t_s, one.drive, one.displacement))
     again = repeated_readings(y, u)
-    lone = lone_readings(np.where(again, np.nan, y), u)
-    y = np.where(again | lone, np.nan, y)
+    frozen = frozen_readings(y, u)
+    lone = lone_readings(np.where(again | frozen, np.nan, y), u)
+    y = np.where(again | frozen | lone, np.nan, y)
     raw = np.flatnonzero(np.isfinite(t) & np.isfinite(u))
-    repeats, wild = int(np.count_nonzero(again[raw])), int(np.count_nonzero(lone[raw]))
+    repeats, wild, stuck = (int(np.count_nonzero(x[raw])) for x in (again, lone, frozen & ~again))
     there = int(np.count_nonzero(np.isfinite(y[raw])))
     if there < TUNING.least_samples:
         raise BadRecording(
@@ -104,8 +106,9 @@ def lay_on_grid(one: Recording) -> GriddedRecording:
         known=known & ~held_up,
         dt=dt,
         # in a pause no readings are missing
-        missing=int(np.count_nonzero(~known)) - repeats - wild,
+        missing=int(np.count_nonzero(~known)) - repeats - wild - stuck,
         repeats=repeats,
+        frozen=stuck,
         lone=wild,
         stalls=int(np.count_nonzero(steps > TUNING.stall)),
     )
@@ -132,7 +135,7 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
         shared &= set(one.channels)
     pieces: list[dict[str, Any]] = []  # keyed by field names of Data
     channels: dict[str, list[Floats]] = {k: [] for k in sorted(shared)}
-    part = block = missing = repeats = lone = stalls = 0
+    part = block = missing = repeats = frozen = lone = stalls = 0
     lowest = min(_lowest_drive(one) for one in recordings)
     units = {(_units(one)) for one in recordings}
     if len(units) > 1:
@@ -147,6 +150,7 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
         there = laid.raw >= 0
         missing, stalls = missing + laid.missing, stalls + laid.stalls
         repeats, lone = repeats + laid.repeats, lone + laid.lone
+        frozen += laid.frozen
         for k, pieces_of_it in channels.items():
             values = _filled(np.asarray(one.channels[k], dtype=float))[laid.raw[there]]
             pieces_of_it.append(np.interp(np.arange(n), np.flatnonzero(there), values))
@@ -183,6 +187,7 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
         unit=unit,
         missing=missing,
         repeats=repeats,
+        frozen=frozen,
         lone=lone,
         stalls=stalls,
     )

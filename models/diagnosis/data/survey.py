@@ -48,6 +48,11 @@ def survey(
             f"{data.repeats} samples repeat the reading before, because the gauge was polled "
             "faster than it reads; each reading counts once"
         )
+    if data.frozen:
+        said.append(
+            f"{data.frozen} readings stay exactly the same while the drive moves: the gauge is "
+            "stuck or at its limit there; they were left out"
+        )
     if data.lone:
         readings = "reading is" if data.lone == 1 else "readings are"
         said.append(

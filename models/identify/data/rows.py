@@ -17,7 +17,7 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.identify.data.outliers import remove_glitches, sample
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats, Recording
-from dehyst.models.signals.repeats import repeated_readings
+from dehyst.models.signals.repeats import frozen_readings, repeated_readings
 from dehyst.models.units import spell_unit
 
 REGULAR = 1e-3
@@ -74,6 +74,13 @@ def read_rows(recording: Recording) -> Rows:
         notes.append(
             f"{name}: {np.count_nonzero(again)} of {y.size} rows repeat the reading of the row "
             "before: the gauge was polled faster than it reads; each reading counts once"
+        )
+    frozen = frozen_readings(y, u)
+    if frozen.any():
+        y = np.where(frozen, np.nan, y)
+        notes.append(
+            f"{name}: {np.count_nonzero(frozen)} readings stay exactly the same while the drive "
+            "moves: the gauge is stuck or at its limit there; they were left out"
         )
     u = remove_glitches(name, t, u, notes)
     present = ~np.isnan(u)

@@ -1,10 +1,13 @@
 """What the recordings lack is reported first, and never becomes physics."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.models.diagnosis.test_diagnosed_model import DT, NOISE_UM, N, drive, plain, recordings
 from tests.rigs.diagnosis import diagnose_without_limits
 
+from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.data.survey import has_reversals_within_sweeps
 from dehyst.models.physics.registry import list_candidates
@@ -207,3 +210,59 @@ def test_an_open_input_that_wanders_is_no_physics(seed: int) -> None:
     assert d.verdict == "unknown"
     assert names(d) <= {"unknown"}
     assert "does not follow the drive" in " ".join(d.data.says)
+
+
+@pytest.mark.parametrize("fault", ["stuck", "at its limit"])
+def test_a_gauge_that_is_stuck_or_at_its_limit_is_no_physics(fault: str) -> None:
+    given = recordings(plain)
+    y = np.array(given[0].displacement)
+    if fault == "stuck":
+        y[N // 2 : N // 2 + 300] = y[N // 2]
+    else:
+        y = np.minimum(y, np.quantile(y, 0.9))
+    given[0] = Recording(given[0].t_s, given[0].drive, y, name=given[0].name)
+    d = diagnose_without_limits(given)
+    assert d.verdict == "clean"
+    assert d.noise == pytest.approx(NOISE_UM, rel=0.1)
+    assert "stuck or at its limit" in " ".join(d.data.says)
+
+
+def test_the_recording_that_a_given_model_misses_alone_is_named() -> None:
+    given = [*recordings(plain), recordings(plain, seed=5)[0]]
+    model = diagnose_without_limits(given).base_model
+    given[1] = replace(given[1], displacement=0.8 * np.array(given[1].displacement))
+    given[2] = replace(given[2], name="r2.csv")
+    d = diagnose_without_limits(given, model)
+    assert d.verdict == "clean"
+    assert d.data.says[0].startswith("the recording r1.csv does not belong to the others")
+
+
+def decreasing(seed: int, hz: float) -> Recording:
+    """Triangles that shrink, on a stage of relays, which play operators do not contain."""
+    t = np.arange(3000) * DT
+    size = np.maximum(1.0 - t / t[-1], 0.02)
+    u = 5.0 + 5.0 * size * (2.0 * np.abs(2.0 * ((hz * t) % 1.0) - 1.0) - 1.0)
+    y = relays(u) + NOISE_UM * np.random.default_rng(seed).standard_normal(t.size)
+    return Recording(t, u, y, name="triangles.csv")
+
+
+def relays(u: np.ndarray) -> np.ndarray:
+    up, down = np.meshgrid(np.linspace(0.1, 9.9, 60), np.linspace(0.1, 9.9, 60))
+    up, down = up[up > down], down[up > down]
+    weight = np.exp(-(((up - down) / 1.5) ** 2) - ((up + down - 9.0) / 9.0) ** 2)
+    state, out = -np.ones(up.size), np.empty(u.size)
+    for i, x in enumerate(u):
+        state = np.where(x >= up, 1.0, np.where(x <= down, -1.0, state))
+        out[i] = weight @ state
+    return np.asarray(u + 4.0 * out / weight.sum())
+
+
+@pytest.mark.parametrize("hz", [0.5, 4.0])
+def test_a_shape_from_one_waveform_is_not_carried_to_others(hz: float) -> None:
+    one = decreasing(0, hz)
+    d = diagnose_without_limits([one])
+    t = np.arange(4000) * DT
+    u = 5.0 - 3.0 * np.cos(2 * np.pi * 0.4 * t) - 1.5 * np.cos(2 * np.pi * 1.7 * t)
+    y = relays(u)
+    before, after = (np.std(y - simulate(m, t, u)) for m in (d.base_model, d.model))
+    assert after < before + NOISE_UM

@@ -70,7 +70,7 @@ def test_a_past_is_no_shape_and_the_errors_are_those_of_the_written_models() -> 
         assert one.displacement is not None
         for key, model in (("model", found.base_model), ("augmented", found.model)):
             y = replay(model, one.t_s, one.drive, one.channels, one.displacement).predicted
-            error = float(np.std((one.displacement - y)[view.held_out]))
+            error = float(np.std((one.displacement - y)[view.counted]))
             assert found.rms[key][one.name] == pytest.approx(error, rel=1e-6)
             assert error < 1.3 * NOISE
 

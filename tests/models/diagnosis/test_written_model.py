@@ -20,7 +20,7 @@ from dehyst.models.diagnosis.diagnosed_model import THRESHOLDS, DiagnosedModel, 
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.findings.weigh import Conclusion
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.held_out import WritableFit, make_held_out_groups
+from dehyst.models.diagnosis.held_out import HeldOutErrors, WritableFit, make_held_out_groups
 from dehyst.models.diagnosis.written_model import add_model_prior, as_blocks, choose_written_model
 from dehyst.models.modelfile import dumps, loads
 from dehyst.models.physics import list_candidates
@@ -58,7 +58,7 @@ def test_the_shape_is_in_the_augmented_model(found: Diagnosis) -> None:
     shape = next(f for f in found.findings if f.name == "shape")
     assert "The augmented model contains it" in shape.says
     for view in found.views:
-        k = view.held_out
+        k = view.counted
         assert np.std((view.displacement - view.augmented)[k]) < 1.3 * NOISE
         assert np.std((view.displacement - view.base)[k]) > 2.0 * NOISE
 
@@ -129,7 +129,7 @@ def test_a_model_is_written_from_the_other_rows_alone() -> None:
     assert np.std(ours - simulate(build_augmented_model(problem, fit), DT, u)) > 0.03 * NOISE
 
 
-def test_the_worst_recording_left_out_is_known() -> None:
+def test_the_error_of_each_recording_left_out_is_known() -> None:
     """Of three scans the second is of a stage whose gain has changed."""
     given = [scan(1), scan(2), scan(3)]
     given[1] = replace(given[1], displacement=1.05 * given[1].displacement)  # type: ignore[operator]
@@ -142,8 +142,17 @@ def test_the_worst_recording_left_out_is_known() -> None:
     error = data.y - diagnosed.predict(data)
     each = [float(np.std(error[(data.rec == i) & data.rows])) for i in range(3)]
     assert each[1] == max(each) > 1.2 * min(each)
-    assert left.worst == pytest.approx(each[1], rel=1e-6)
-    assert left.mean_square < left.worst**2
+    assert left.of_each == pytest.approx(each, rel=1e-6)
+    assert left.mean_square < left.of_each[1] ** 2
+
+
+def test_no_recording_may_become_worse() -> None:
+    """That of the largest error hides what becomes of the others."""
+    in_use = HeldOutErrors(1.0, 1.0, (0.9, 0.04, 0.04))
+    better = HeldOutErrors(0.8, 0.8, (0.8, 0.045, 0.04))
+    hidden = HeldOutErrors(0.7, 0.7, (0.7, 0.17, 0.04))
+    assert not better.worsens(in_use, 0.01)
+    assert hidden.worsens(in_use, 0.01)
 
 
 def test_the_stated_errors_are_those_of_the_written_file(found: Diagnosis) -> None:
@@ -152,7 +161,7 @@ def test_the_stated_errors_are_those_of_the_written_file(found: Diagnosis) -> No
         for view, one in zip(found.views, recorded(), strict=True):
             assert one.displacement is not None
             left = one.displacement - predict(loads(dumps(model)), one).displacement
-            error = float(np.std(left[view.held_out]))
+            error = float(np.std(left[view.counted]))
             assert found.rms[kind][one.name] == pytest.approx(error, rel=1e-6)
 
 
@@ -177,7 +186,7 @@ def test_rows_without_a_channel_count_for_neither_model() -> None:
     found = diagnose_without_limits([replace(one, displacement=y, channels={"temp_c": temp_c})])
     assert found.findings[0].name in ("drift", "coupling")
     (view,) = found.views
-    assert view.held_out.sum() == np.isfinite(view.base + view.augmented)[view.held_out].sum()
+    assert view.counted.sum() == np.isfinite(view.base + view.augmented)[view.counted].sum()
     for figure in (*found.before_after, loads(dumps(found.model)).fit.rms):
         assert figure is not None
         assert np.isfinite(figure)

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dehyst.models.signals.repeats import repeated_readings
+from dehyst.models.recording import Floats
+from dehyst.models.signals.repeats import frozen_readings, repeated_readings
 
 T = np.arange(6000) * 1e-3
 SMOOTH = 5.0 + 4.0 * np.sin(2 * np.pi * 0.7 * T) * np.cos(2 * np.pi * 0.13 * T)
@@ -87,3 +88,31 @@ def test_a_gauge_that_is_polled_while_the_drive_is_held_counts_each_reading_once
     expected = np.r_[False, polled[1:] == polled[:-1]]
     again = repeated_readings(polled, held)
     assert again.mean() == pytest.approx(expected.mean(), abs=1e-9)
+
+
+@pytest.mark.parametrize("fault", ["stuck", "at its limit"])
+def test_a_gauge_that_is_stuck_or_at_its_limit_is_found(fault: str) -> None:
+    y = noisy(5e-3)
+    if fault == "stuck":
+        y[2000:2400] = y[2000]
+        gone = np.arange(2000, 2400)
+    else:
+        y = np.minimum(y, 7.0)
+        gone = np.flatnonzero(y == 7.0)
+    found = frozen_readings(y, 10.0 * SMOOTH)
+    assert not np.any(found[np.setdiff1d(np.arange(T.size), gone)])
+    assert np.count_nonzero(found) > 0.9 * gone.size
+
+
+@pytest.mark.parametrize(
+    ("kind", "y", "u"),
+    [
+        ("noise", noisy(5e-3), SMOOTH),
+        ("coarse", np.round(noisy(5e-3), 1), SMOOTH),
+        ("without noise, with a dead zone", np.maximum(SMOOTH, 4.0), SMOOTH),
+        ("drive at rest", np.where(T < 2.0, 5.0, noisy(5e-3)), np.where(T < 2.0, 5.0, SMOOTH)),
+        ("polled", np.repeat(noisy(5e-3)[::20], 20), SMOOTH),
+    ],
+)
+def test_what_stays_for_another_reason_is_not_frozen(kind: str, y: Floats, u: Floats) -> None:
+    assert not frozen_readings(y, u).any(), kind

@@ -359,10 +359,10 @@ CHANGES = [
             "a model is written that predicts worse than the model in use",
         ),
         Change(
-            "best-recording-is-worst",
+            "the-worst-hides-the-others",
             "models/diagnosis/held_out.py",
-            "np.maximum(each[1], 1.0)).max()",
-            "np.maximum(each[1], 1.0)).min()",
+            "return any(mine > theirs + margin for mine, theirs in pairs)",
+            "return max(self.of_each) > max(other.of_each) + margin",
             "a model is written that a left-out recording contradicts",
         ),
         Change(
@@ -555,6 +555,27 @@ CHANGES = [
             "return any(follows_changes(data.u[k], data.y[k]) for k in parts)",
             "return True",
             "an open input that wanders has a lag and a shape",
+        ),
+        Change(
+            "the-odd-one-of-a-given-model-stays",
+            "models/diagnosis/steps.py",
+            "    odd = prepared.diagnosed.odd or _find_odd(prepared)\n",
+            "    odd = prepared.diagnosed.odd\n",
+            "a recording of another stage is blamed on friction, if a model is given",
+        ),
+        Change(
+            "a-stuck-gauge-is-read",
+            "models/diagnosis/data/prepare.py",
+            "    frozen = frozen_readings(y, u)\n",
+            "    frozen = frozen_readings(y, 0.0 * u)\n",
+            "a gauge that is stuck or at its limit is reported as a nonlinear sensor",
+        ),
+        Change(
+            "one-period-shows-every-shape",
+            "models/diagnosis/written_model.py",
+            "    if is_one_period(problem.data):\n",
+            "    if False:\n",
+            "from triangles that shrink a model is written that predicts other drives worse",
         ),
         Change(
             "a-relaxation-follows",

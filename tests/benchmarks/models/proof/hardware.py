@@ -61,7 +61,7 @@ def figures(
     for kind, model in (("model", found.base_model), ("augmented", found.model)):
         written = loads(dumps(model))
         for view, one in zip(found.views, given, strict=True):
-            rms = float(np.nanstd(left(written, one)[view.held_out]))
+            rms = float(np.nanstd(left(written, one)[view.counted]))
             ratio = rms / max(found.rms[kind][view.name], 1e-12)
             worst = max(worst, ratio, 1.0 / max(ratio, 1e-12))
             if kind == "model":

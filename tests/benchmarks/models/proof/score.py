@@ -260,7 +260,7 @@ def disagreement(case: Case, diagnosis: Diagnosis) -> float:
                 recording.displacement,
             ).predicted
             left = recording.displacement - y
-            error = float(np.std(left[view.held_out]))
+            error = float(np.std(left[view.counted]))
             ratio = error / max(stated[key][recording.name], 1e-12)
             worst = max(worst, ratio, 1.0 / max(ratio, 1e-12))
     return worst
