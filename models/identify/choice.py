@@ -53,18 +53,18 @@ def make_choice(setup: FitSetup, options: Options, progress: Callable[[str], Non
     period_s = find_one_period(drives)
     lags = not repeats_one_loop(drives)
     shown = Shown(rates=lags and period_s is None, lags=lags)
-    found = _choose(setup, options, progress, shown)
-    if ramp := _find_ramp(found, drives):
-        rest = without_ramp(found.setup, ramp)
-        flat = _choose(rest, options, progress, shown, ramp, found.notes)
-        if flat.best.held_rms**2 < (1.0 - TUNING.minor) * found.best.held_rms**2:
-            found = flat
+    found = _choose_without_drift(setup, options, progress, shown, drives)
     if shown.rates:
         return found
+    shows_lag = found.best.lag is not None and _outlasts_drift(found, period_s)
+    if shows_lag and options.rate is None:  # it is dynamic: then its weights may be, too
+        shown = Shown(rates=True, lags=True)
+        rich = _choose_without_drift(setup, options, progress, shown, drives)
+        if rich.best.shape.rate and _outlasts_drift(rich, period_s):
+            return rich
     hidden = "rate-dependence cannot be distinguished from the hysteresis"
-    if found.best.lag is not None and _outlasts_drift(found, period_s):
-        left = f"one rate: {hidden}, and the model has none"
-    else:
+    left = f"one rate: {hidden}, and the model has none"
+    if not shows_lag:
         left = f"lag, delay, resonance and {hidden}, and the model is static"
         left = f"{'one rate' if shown.lags else 'one loop at one rate'}: {left}"
         if found.best.lag is not None:
@@ -74,6 +74,24 @@ def make_choice(setup: FitSetup, options: Options, progress: Callable[[str], Non
         found.notes.append(
             f"{left}; a second recording at another rate, or one with an edge, identifies it"
         )
+    return found
+
+
+def _choose_without_drift(
+    setup: FitSetup,
+    options: Options,
+    progress: Callable[[str], None],
+    shown: Shown,
+    drives: Sequence[DriveSegments],
+) -> Choice:
+    """Choose the structure, next to a straight drift where the rows left out are then predicted
+    better."""
+    found = _choose(setup, options, progress, shown)
+    if ramp := _find_ramp(found, drives):
+        rest = without_ramp(found.setup, ramp)
+        flat = _choose(rest, options, progress, shown, ramp, found.notes)
+        if flat.best.held_rms**2 < (1.0 - TUNING.minor) * found.best.held_rms**2:
+            return flat
     return found
 
 

@@ -120,7 +120,7 @@ def _identify(
     residuals, picks = found.residuals(), found.setup.picks
     if len(rows) > 1 and (doubt := _require_one_stage(found, residuals, recordings, options)):
         found.notes.append(doubt)
-    require_better_than_a_line(found.setup, residuals, picks)
+    require_better_than_a_line(found.flat, found.residuals_without_drift(), picks)
     progress("intervals")
     result = _result(found, residuals, recordings)
     progress("simulating its own input")
@@ -175,6 +175,11 @@ class _Found:
         """Return y - model of each recording, (N,)."""
         f = self.fitted
         return f.setup.residuals(f.r, f.shape, self.params, self.offset, self.lag)
+
+    def residuals_without_drift(self) -> tuple[Floats, ...]:
+        """Return y - drift - model of each recording, (N,), as it was fitted."""
+        f = self.fitted
+        return self.flat.residuals(f.r, f.shape, f.params, self.offset, self.lag)
 
 
 def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) -> _Found:

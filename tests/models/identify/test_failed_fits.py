@@ -55,9 +55,21 @@ def test_a_recording_in_two_parts_is_fitted_as_well_as_whole(seed: int) -> None:
     assert parts.model.fit.rms < 1.5 * whole.model.fit.rms
 
 
-def test_a_drift_is_not_claimed_where_the_loops_only_shrink() -> None:
-    t, u = decaying(0.5)
-    found = identify([Recording(t, u, noisy(stage(u) + 1e-3 * (u - 50.0) ** 2 / 50.0, 1))])
+def bouc_wen(u: Floats) -> Floats:
+    """The equations of Bouc and Wen, in quarters of a row."""
+    h, out = 0.0, np.zeros(u.size)
+    for i in range(1, u.size):
+        du = (u[i] - u[i - 1]) / 4.0
+        for _ in range(4):
+            h += 0.03 * du - 0.03 * abs(du) * h - 0.015 * du * abs(h)
+        out[i] = 0.1 * u[i] - h
+    return out
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_drift_is_not_claimed_where_the_loops_only_shrink(seed: int) -> None:
+    t, u = decaying(0.5, 15.0)
+    found = identify([Recording(t, u, noisy(bouc_wen(u), seed))])
     assert not any("drifts" in note for note in found.notes)
 
 
@@ -108,3 +120,15 @@ def test_a_claim_is_made_without_the_drift() -> None:
     steady = identify([Recording(t, u, y)])
     assert drifting.model.fit.rms > 3.0 * steady.model.fit.rms
     assert drifting.model.fit.claim == pytest.approx(steady.model.fit.claim, rel=0.15)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_large_drift_does_not_count_against_the_model(seed: int) -> None:
+    """A drift of half of the loops' width: a straight line follows the drift, too."""
+    t = times(10.0)
+    size = 0.3 + 0.2 * np.cos(2 * np.pi * 0.4 * t)
+    u = 50.0 - 100.0 * size * np.cos(2 * np.pi * 1.3 * t)
+    y = stage(u, seed)
+    found = identify([Recording(t, u, noisy(y + 0.15 * np.ptp(y) * t / t[-1], seed))])
+    (note,) = [note for note in found.notes if "drifts" in note]
+    assert float(note.split(" by ")[1].split()[0]) == pytest.approx(0.15 * np.ptp(y), rel=0.1)

@@ -472,6 +472,13 @@ CHANGES += (
             "loops that shrink are said to drift",
         ),
         Change(
+            "a-drift-counts-against-the-model",
+            "models/identify/identification.py",
+            "require_better_than_a_line(found.flat, found.residuals_without_drift(), picks)",
+            "require_better_than_a_line(found.setup, residuals, picks)",
+            "a recording with a large drift is refused as one that shows no loop",
+        ),
+        Change(
             "failed-fit-is-taken",
             "models/identify/identification.py",
             "        strays = left > min(TUNING.twice * best.held_rms, line)\n",
