@@ -1,5 +1,5 @@
 """Choose the structure that recordings support: without outliers, next to a straight drift, and
-static where their drives have one rate."""
+static where their drives have one rate; fit it to all rows, or the next best where that fails."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -8,11 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from dehyst.models.identify.data.rows import Rows
+from dehyst.models.identify.equations import Shape
+from dehyst.models.identify.final import Fitted, fit_all
 from dehyst.models.identify.identified import Options
+from dehyst.models.identify.plausibility.recordings import measure_line, rms
 from dehyst.models.identify.search import Search
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.structure import TriedStructure, list_shapes
+from dehyst.models.identify.structure import TriedStructure, choose_structure, list_shapes
 from dehyst.models.identify.tuning import TUNING
+from dehyst.models.physics.dynamics import LEAD
+from dehyst.models.recording import Bools
 from dehyst.models.signals.drive_segments import (
     DriveSegments,
     find_drive_segments,
@@ -52,19 +57,16 @@ def make_choice(setup: FitSetup, options: Options, progress: Callable[[str], Non
     drives = find_segments(setup.rows, setup.span)
     period_s = find_one_period(drives)
     lags = not repeats_one_loop(drives)
-    shown = Shown(rates=lags and period_s is None, lags=lags)
+    if lags:
+        rich = _choose_without_drift(setup, options, progress, Shown(True, True), drives)
+        if period_s is None or (shows_lag(rich) and _outlasts_drift(rich, period_s)):
+            return rich  # with a lag the stage is dynamic: then its weights may be, too
+    shown = Shown(rates=False, lags=lags)
     found = _choose_without_drift(setup, options, progress, shown, drives)
-    if shown.rates:
-        return found
-    shows_lag = found.best.lag is not None and _outlasts_drift(found, period_s)
-    if shows_lag and options.rate is None:  # it is dynamic: then its weights may be, too
-        shown = Shown(rates=True, lags=True)
-        rich = _choose_without_drift(setup, options, progress, shown, drives)
-        if rich.best.shape.rate and _outlasts_drift(rich, period_s):
-            return rich
+    kept = found.best.lag is not None and _outlasts_drift(found, period_s)
     hidden = "rate-dependence cannot be distinguished from the hysteresis"
     left = f"one rate: {hidden}, and the model has none"
-    if not shows_lag:
+    if not kept:
         left = f"lag, delay, resonance and {hidden}, and the model is static"
         left = f"{'one rate' if shown.lags else 'one loop at one rate'}: {left}"
         if found.best.lag is not None:
@@ -137,6 +139,12 @@ def _find_ramp(found: Choice, drives: Sequence[DriveSegments]) -> float:
     return found.search.find_ramp(best, 2.0 * float(np.median(ways.durations)))
 
 
+def shows_lag(found: Choice) -> bool:
+    """Return whether the chosen structure has a lag or a delay. A lead of a part of a sample
+    belongs to the recorder."""
+    return found.best.lag is not None and found.best.lag.kind != LEAD
+
+
 def _outlasts_drift(found: Choice, period_s: float | None) -> bool:
     """Return whether the chosen dynamics predict next to a drift too."""
     return period_s is not None and found.search.outlasts_drift(found.best, found.tried, period_s)
@@ -149,6 +157,70 @@ def shows_drift(drives: Sequence[DriveSegments]) -> bool:
     if sizes.size < 2 or not np.ptp(sizes):
         return True
     return bool(abs(np.corrcoef(np.arange(sizes.size), sizes)[0, 1]) <= WITH_TIME)
+
+
+def fit_chosen(
+    chosen: Choice, options: Options, progress: Callable[[str], None], notes: list[str]
+) -> tuple[TriedStructure, Fitted]:
+    """Fit the chosen structure to all rows; where that fails, the best of the simpler or other
+    ones. If all fail, return the one that leaves least."""
+    setup, search, best = chosen.setup, chosen.search, chosen.best
+    line = _measure_lines(setup, search.picks)
+    rest: list[TriedStructure] = list(chosen.tried)
+    others = rest  # after a fit has failed, no further power is tried
+    failed: list[tuple[float, TriedStructure, Fitted]] = []
+    while True:
+        progress(f"fitting {best.shape.name} to all rows")
+        fitted = fit_all(setup, best, search.r, options.order, others)
+        shape, left = fitted.shape, measure_left(best, fitted, search.picks)
+        strays = left > min(TUNING.twice * best.held_rms, line)
+        margin = fitted.setup.margin(fitted.r, shape, fitted.params, best.offset)
+        turns = margin < TUNING.small and options.monotone
+        if not (strays or turns):
+            return best, fitted
+        if not turns:
+            failed.append((left, best, fitted))
+        why = "did not converge on all rows" if strays else "would turn over within reach"
+        lag = f" with a {best.lag.kind}" if best.lag is not None else ""
+        notes.append(f"{shape.name}{lag}: {why} and was not taken")
+        others = []
+        kind, size = (best.shape.rate, best.lag is None), len(shape.powers)
+        same = [c for c in rest if (c.shape.rate, c.lag is None) == kind]
+        fewer = [c for c in same if len(c.shape.powers) < size]
+        rest = [c for c in rest if (c.shape.rate, c.lag is None) != kind]
+        choice = rest if strays else fewer
+        rest = rest if strays else [*rest, *fewer]
+        if not choice and shape.powers != (0,):  # the user fixed the saturation: a straight line
+            straight = [Shape(shape.rate, (0,))]
+            choice = Search(setup, straight, progress, chosen.shown.lags).run()
+        if not choice or len(failed) > TUNING.rounds:
+            if failed:
+                _, best, fitted = min(failed, key=lambda one: one[0])
+            return best, fitted
+        best = choose_structure(choice)
+
+
+def _measure_lines(setup: FitSetup, picks: Sequence[Bools]) -> float:
+    """Return the rms residual of the picked rows about a straight line for each recording."""
+    powers = [
+        float(np.count_nonzero(k)) * measure_line(one.u[k], one.y[k]) ** 2
+        for one, pick in zip(setup.rows, picks, strict=True)
+        if (k := pick & ~np.isnan(one.u)).any()
+    ]
+    return float(np.sqrt(sum(powers) / count_picked(picks)))
+
+
+def count_picked(picks: Sequence[Bools]) -> int:
+    """Return the number of picked rows of all recordings."""
+    return sum(int(np.count_nonzero(pick)) for pick in picks)
+
+
+def measure_left(best: TriedStructure, fitted: Fitted, picks: Sequence[Bools]) -> float:
+    """Return the rms residual of the picked rows."""
+    setup, shape = fitted.setup, fitted.shape
+    errors = setup.residuals(fitted.r, shape, fitted.params, best.offset, best.lag)
+    each = [error[pick] for error, pick in zip(errors, picks, strict=True)]
+    return rms(np.concatenate(each))
 
 
 def without_ramp(setup: FitSetup, ramp: float) -> FitSetup:

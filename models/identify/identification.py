@@ -18,21 +18,22 @@ from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
 from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
 from dehyst.models.identify.choice import (
-    Choice,
+    count_picked,
     find_segments,
+    fit_chosen,
     make_choice,
+    measure_left,
     shows_drift,
     without_ramp,
 )
 from dehyst.models.identify.data.rows import Rows, read_rows
 from dehyst.models.identify.data.stretches import take_stretches
-from dehyst.models.identify.equations import Params, Shape
+from dehyst.models.identify.equations import Params
 from dehyst.models.identify.final import Fitted, fit_all
 from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.identified import Identification, Options, RecordingResidual
 from dehyst.models.identify.plausibility.own_input import require_ordinary_loop, require_own_input
 from dehyst.models.identify.plausibility.recordings import (
-    measure_line,
     note_slow_times,
     require_better_than_a_line,
     require_different,
@@ -43,10 +44,9 @@ from dehyst.models.identify.plausibility.recordings import (
     require_same_units,
     rms,
 )
-from dehyst.models.identify.search import Search
 from dehyst.models.identify.setup import FitSetup, set_up
 from dehyst.models.identify.start import start_agrees
-from dehyst.models.identify.structure import TriedStructure, choose_structure
+from dehyst.models.identify.structure import TriedStructure
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import (
     estimate_noise,
@@ -57,7 +57,7 @@ from dehyst.models.identify.uncertainty import (
 )
 from dehyst.models.model import Fit, Provenance, Validity
 from dehyst.models.physics.dynamics import Dynamics
-from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.recording import Floats, Recording
 from dehyst.models.signals.drive_segments import has_one_size
 from dehyst.models.signals.pace import measure_slowest_s
 from dehyst.models.signals.rounding import quantum
@@ -111,7 +111,7 @@ def _identify(
         if agreed != before:
             found = _search(setup if agreed else _leave_start(rows, options), options, progress)
     if not agreed:
-        fewer = _count(setup.picks) - _count(_leave_start(rows, options).picks)
+        fewer = count_picked(setup.picks) - count_picked(_leave_start(rows, options).picks)
         found.notes.append(
             f"the start does not fit a de-energised stage; {fewer} rows that depend on it were "
             "left out"
@@ -127,11 +127,6 @@ def _identify(
     noises = [one.noise for one in result.recordings]
     said = require_own_input(result.model, found.setup.rows, result.used, noises)
     return replace(result, notes=(*result.notes, *said))
-
-
-def _count(picks: Sequence[Bools]) -> int:
-    """Return the number of picked rows of all recordings."""
-    return sum(int(np.count_nonzero(pick)) for pick in picks)
 
 
 def _leave_start(rows: Sequence[Rows], options: Options) -> FitSetup:
@@ -188,13 +183,13 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     setup, search, tried, best = chosen.setup, chosen.search, chosen.tried, chosen.best
     notes = [*setup.notes, *chosen.notes]
     require_following(setup, best.held_rms)
-    best, fitted = _fit_chosen(chosen, options, progress, notes)
+    best, fitted = fit_chosen(chosen, options, progress, notes)
     if fitted.costly:
         notes.append(
             "right after a reversal the displacement moves against the drive, more than an "
             "invertible model can; the nearest invertible model is used"
         )
-    if (size := _count(setup.picks)) > TUNING.rows_fitted:
+    if (size := count_picked(setup.picks)) > TUNING.rows_fitted:
         notes.append(f"a random part of the {size} rows was fitted; the error is that of all rows")
     if best.lag is not None and best.lag in search.untold:
         notes.append(best.lag.doubt)
@@ -204,65 +199,6 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         fitted = replace(fitted, setup=own)
     because = chosen.search.static_because
     return _Found(setup, flat, best, search.r, fitted, tried, notes, because)
-
-
-def _fit_chosen(
-    chosen: Choice, options: Options, progress: Callable[[str], None], notes: list[str]
-) -> tuple[TriedStructure, Fitted]:
-    """Fit the chosen structure to all rows; where that fails, the best of the simpler or other
-    ones. If all fail, return the one that leaves least."""
-    setup, search, best = chosen.setup, chosen.search, chosen.best
-    line = _measure_lines(setup, search.picks)
-    rest: list[TriedStructure] = list(chosen.tried)
-    others = rest  # after a fit has failed, no further power is tried
-    failed: list[tuple[float, TriedStructure, Fitted]] = []
-    while True:
-        progress(f"fitting {best.shape.name} to all rows")
-        fitted = fit_all(setup, best, search.r, options.order, others)
-        shape, left = fitted.shape, _left(best, fitted, search.picks)
-        strays = left > min(TUNING.twice * best.held_rms, line)
-        margin = fitted.setup.margin(fitted.r, shape, fitted.params, best.offset)
-        turns = margin < TUNING.small and options.monotone
-        if not (strays or turns):
-            return best, fitted
-        if not turns:
-            failed.append((left, best, fitted))
-        why = "did not converge on all rows" if strays else "would turn over within reach"
-        lag = f" with a {best.lag.kind}" if best.lag is not None else ""
-        notes.append(f"{shape.name}{lag}: {why} and was not taken")
-        others = []
-        kind, size = (best.shape.rate, best.lag is None), len(shape.powers)
-        same = [c for c in rest if (c.shape.rate, c.lag is None) == kind]
-        fewer = [c for c in same if len(c.shape.powers) < size]
-        rest = [c for c in rest if (c.shape.rate, c.lag is None) != kind]
-        choice = rest if strays else fewer
-        rest = rest if strays else [*rest, *fewer]
-        if not choice and shape.powers != (0,):  # the user fixed the saturation: a straight line
-            straight = [Shape(shape.rate, (0,))]
-            choice = Search(setup, straight, progress, chosen.shown.lags).run()
-        if not choice or len(failed) > TUNING.rounds:
-            if failed:
-                _, best, fitted = min(failed, key=lambda one: one[0])
-            return best, fitted
-        best = choose_structure(choice)
-
-
-def _measure_lines(setup: FitSetup, picks: Sequence[Bools]) -> float:
-    """Return the rms residual of the picked rows about a straight line for each recording."""
-    powers = [
-        float(np.count_nonzero(k)) * measure_line(one.u[k], one.y[k]) ** 2
-        for one, pick in zip(setup.rows, picks, strict=True)
-        if (k := pick & ~np.isnan(one.u)).any()
-    ]
-    return float(np.sqrt(sum(powers) / _count(picks)))
-
-
-def _left(best: TriedStructure, fitted: Fitted, picks: Sequence[Bools]) -> float:
-    """Return the rms residual of the picked rows."""
-    setup, shape = fitted.setup, fitted.shape
-    errors = setup.residuals(fitted.r, shape, fitted.params, best.offset, best.lag)
-    each = [error[pick] for error, pick in zip(errors, picks, strict=True)]
-    return rms(np.concatenate(each))
 
 
 def _follow_drift(found: _Found, unit: str) -> _Found:
@@ -303,7 +239,9 @@ def _require_one_stage(
         own = replace(setup, rows=[one], picks=[pick])
         # without the dynamics too: those of different stages together are no stage's
         starts = [start] if start.lag is None else [start, replace(start, lag=None)]
-        lefts = [_left(one, fit_all(own, one, f.r, options.order), own.picks) for one in starts]
+        lefts = [
+            measure_left(one, fit_all(own, one, f.r, options.order), own.picks) for one in starts
+        ]
         alone.append(min(*lefts, rms(error[pick])))
         together.append(rms(error[pick]))
         sizes.append(float(np.std(one.y[pick])))

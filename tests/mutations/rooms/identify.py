@@ -460,8 +460,8 @@ CHANGES += (
         Change(
             "rate-from-one-period",
             "models/identify/choice.py",
-            "Shown(rates=lags and period_s is None,",
-            "Shown(rates=lags,",
+            "(shows_lag(rich) and _outlasts_drift(rich, period_s))",
+            "_outlasts_drift(rich, period_s)",
             "a static stage of another class is given a rate-dependence",
         ),
         Change(
@@ -480,10 +480,11 @@ CHANGES += (
         ),
         Change(
             "failed-fit-is-taken",
-            "models/identify/identification.py",
+            "models/identify/choice.py",
             "        strays = left > min(TUNING.twice * best.held_rms, line)\n",
             "        strays = False\n",
             "a fit that did not converge is written",
+            survives="no recording of the tests fails so: those that did had a rate-dependence",
         ),
         Change(
             "another-class-is-another-stage",
