@@ -195,7 +195,7 @@ def test_what_one_axis_refuses_moves_none(stage: AxesBench, kinds: Kinds) -> Non
     assert np.ptp(volts) < 1e-12
     assert kinds("x", LoopCommand.POINT) == kinds("y", LoopCommand.POINT) == 0
     played = group.play([0.0, 0.1], {"x": [4.0, 4.1], "y": [4.0, 4.1]})  # the next one can begin
-    assert all(one.completed for one in played.values())
+    assert {axis: one.reason for axis, one in played.items()} == {"x": "", "y": ""}
 
 
 def test_where_one_starves_all_stand_still_together(stage: AxesBench, kinds: Kinds) -> None:
