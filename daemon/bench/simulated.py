@@ -93,11 +93,14 @@ port = "{sensor}"
 """
 
 
-def exploring_drive(rate_hz: float = RATE_HZ, seconds: float = 12.0) -> "tuple[Floats, Floats]":
-    """Return (t_s, volts): a sine whose amplitude shrinks and grows again, from 0 V and back to 0
-    V."""
+def exploring_drive(
+    rate_hz: float = RATE_HZ, seconds: float = 12.0, sweep: float = 0.0
+) -> "tuple[Floats, Floats]":
+    """Return (t_s, volts): a sine of 1 Hz whose amplitude shrinks and grows again, from 0 V and
+    back to 0 V; its frequency rises by `sweep` Hz on either side, as one rate shows no
+    rate-dependence."""
     t_s = np.arange(round(rate_hz * seconds)) / rate_hz
-    phase = 2 * np.pi * t_s
+    phase = 2 * np.pi * (t_s + sweep * (t_s / seconds - 1.0) * t_s)
     envelope = np.interp(t_s / seconds, [0.0, 0.2, 0.6, 1.0], [1.0, 1.0, 0.15, 1.0])
     volts = 0.5 * FULL_SCALE_V * (1.0 - envelope * np.cos(phase))
     fade = np.minimum(1.0, np.minimum(t_s, t_s[-1] - t_s) / 0.25)

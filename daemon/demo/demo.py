@@ -31,6 +31,7 @@ from dehyst.models.recording import Recording
 if TYPE_CHECKING:
     from dehyst.daemon.demo.second_act import Story
 
+SWEEP_HZ = 0.3  # the recorded sine runs from 0.7 to 1.3 Hz: two rates show rate-dependence
 CYCLES = 6
 STROKE_SHARE = 0.94  # of the reachable range; the remainder is margin at both ends
 SECOND_SHARE = 0.9  # the same in the second part
@@ -64,7 +65,7 @@ class Demo:
 
     def excite_and_record(self, progress: Callable[[float], None]) -> None:
         """Drive the stage open loop through the serial drivers."""
-        t_s, volts = exploring_drive()
+        t_s, volts = exploring_drive(sweep=SWEEP_HZ)
         self.say(f"2. exercise it, drive it open loop for {t_s[-1]:.0f} s over serial, and record")
         recording, ended = acquire(load_config(self._config), t_s, volts, "v", progress=progress)
         if ended:
