@@ -53,11 +53,14 @@ def package(root: Path, own: Path, dist: Path) -> Path:
     home = PROJECT.get("urls", {}).get("Homepage")
     # a tilde sorts before nothing: 0.3.0~dev0 is older than 0.3.0
     control = CONTROL.format(
-        version=VERSION.replace(".dev", "~dev"), architecture=architecture, python=version,
+        version=VERSION.replace(".dev", "~dev"),
+        architecture=architecture,
+        python=version,
         kilobytes=kilobytes,
-        homepage=f"Homepage: {home}\n" if home else "", summary=PROJECT["description"],
+        homepage=f"Homepage: {home}\n" if home else "",
+        summary=PROJECT["description"],
         maintainer=maintainer(PROJECT),
-    )  # fmt: skip
+    )
     (notes / "control").write_text(control)
     (notes / "conffiles").write_text("/etc/dehyst/stage.toml.example\n")
     for name in ("postinst", "prerm", "postrm"):

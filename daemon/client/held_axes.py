@@ -206,10 +206,10 @@ class HeldAxes(Closing):
         self._asked_ns = clock.monotonic_ns()
         for axis, status in group.status().items():
             low, high = status.reach_min, status.reach_max
-            self._views.change(
-                axis, unit=status.unit, period_s=status.period_ns * 1e-9, low=low, high=high,
-                tolerance=self._tolerance or SHARE * (high - low),
-            )  # fmt: skip
+            tolerance = self._tolerance or SHARE * (high - low)
+            period_s = status.period_ns * 1e-9
+            reach = {"unit": status.unit, "low": low, "high": high}
+            self._views.change(axis, period_s=period_s, tolerance=tolerance, **reach)
 
     def _lose(self, why: str) -> None:
         for axis in self._held:

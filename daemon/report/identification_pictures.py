@@ -166,10 +166,8 @@ def draw_structures(result: Identification, axes: Axes) -> str:
     held = np.array([bests[kind].held_rms for kind in kinds])
     scale, unit = pick_unit(result.model.displacement_unit, float(held.min()))
     colors = [MODEL if kind == own else UNUSED for kind in kinds]
-    axes.barh(np.arange(held.size), held * scale, color=colors, height=0.7)
-    for place, value in enumerate(held * scale):
-        axes.annotate(f"{value:.3g}", (value, place), (3, 0), textcoords="offset points",
-                      va="center", fontsize=8)  # fmt: skip
+    bars = axes.barh(np.arange(held.size), held * scale, color=colors, height=0.7)
+    axes.bar_label(bars, fmt="{:.3g}", padding=3, fontsize=8)
     axes.axvline(result.noise_rms * scale, color=NOISE, lw=2, alpha=0.7, label="noise")
     axes.set_yticks(np.arange(held.size), kinds, fontsize=8.5)
     far = 1.15 * float(np.max(held, initial=result.noise_rms)) * scale

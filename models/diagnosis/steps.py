@@ -52,17 +52,18 @@ def diagnose(
     say = progress or (lambda text, fraction: None)
     prepared = join_recordings(recordings, model, say)
     judged = reach_verdict(look_for_causes(choose_base(prepared, several, say), say), say)
-    odd = prepared.diagnosed.odd or _find_odd(prepared)
+    left = judged.verdict in ("unknown", "partly")
+    odd = (prepared.diagnosed.odd or _find_odd(prepared)) if left else ""
     rest = [one for one in recordings if one.name != odd]
-    if judged.verdict in ("unknown", "partly") and 1 < len(rest) == len(recordings) - 1:
+    if 1 < len(rest) == len(recordings) - 1:
         say(f"without {odd}", 0.0)
         others = diagnose(rest, model, progress, several, with_limits)
         if others.verdict in ("clean", "explained"):
             (one,) = (one for one in recordings if one.name == odd)
-            left = _predict_centred(others.model, one)
+            beyond = _rms(_predict_centred(others.model, one))
             says = (
                 f"the recording {odd} does not belong to the others, and was left out"
-                if _rms(left) > TUNING.near * others.noise
+                if beyond > TUNING.near * others.noise
                 else f"the recording {odd} was left out of the fits, and the model predicts it"
             )
             return replace(others, data=replace(others.data, says=(says, *others.data.says)))

@@ -40,8 +40,8 @@ class Shown(NamedTuple):
 
 class Choice(NamedTuple):
     """The chosen structure, with the rows that remained. setup: without the drift; notes: what was
-    left out; shown: what the drives can show; ramp: the straight drift that was subtracted
-    [displacement/s]."""
+    left out; shown: what the drives can show; drives: the segments of each recording's; ramp: the
+    straight drift that was subtracted [displacement/s]."""
 
     setup: FitSetup
     search: Search
@@ -49,12 +49,13 @@ class Choice(NamedTuple):
     best: TriedStructure
     notes: list[str]
     shown: Shown
+    drives: Sequence[DriveSegments]
     ramp: float = 0.0
 
 
 def make_choice(setup: FitSetup, options: Options, progress: Callable[[str], None]) -> Choice:
     """Choose the structure of a model of these recordings."""
-    drives = find_segments(setup.rows, setup.span)
+    drives = _find_segments(setup.rows, setup.span)
     period_s = find_one_period(drives)
     lags = not repeats_one_loop(drives)
     if lags:
@@ -71,7 +72,7 @@ def make_choice(setup: FitSetup, options: Options, progress: Callable[[str], Non
         left = f"{'one rate' if shown.lags else 'one loop at one rate'}: {left}"
         if found.best.lag is not None:
             shown = Shown(rates=False, lags=False)
-            found = _choose(found.setup, options, progress, shown, found.ramp, found.notes)
+            found = _choose(found.setup, options, progress, shown, drives, found.ramp, found.notes)
     if options.rate is None:
         found.notes.append(
             f"{left}; a second recording at another rate, or one with an edge, identifies it"
@@ -88,10 +89,10 @@ def _choose_without_drift(
 ) -> Choice:
     """Choose the structure, next to a straight drift where the rows left out are then predicted
     better."""
-    found = _choose(setup, options, progress, shown)
-    if ramp := _find_ramp(found, drives):
+    found = _choose(setup, options, progress, shown, drives)
+    if ramp := _find_ramp(found):
         rest = without_ramp(found.setup, ramp)
-        flat = _choose(rest, options, progress, shown, ramp, found.notes)
+        flat = _choose(rest, options, progress, shown, drives, ramp, found.notes)
         if flat.best.held_rms**2 < (1.0 - TUNING.minor) * found.best.held_rms**2:
             return flat
     return found
@@ -102,6 +103,7 @@ def _choose(
     options: Options,
     progress: Callable[[str], None],
     shown: Shown,
+    drives: Sequence[DriveSegments],
     ramp: float = 0.0,
     known: Sequence[str] = (),
 ) -> Choice:
@@ -123,12 +125,13 @@ def _choose(
         setup = fewer
         if count <= 1e-3 * errors[0].size:
             break
-    return Choice(setup, search, tried, best, notes, shown, ramp)
+    return Choice(setup, search, tried, best, notes, shown, drives, ramp)
 
 
-def _find_ramp(found: Choice, drives: Sequence[DriveSegments]) -> float:
+def _find_ramp(found: Choice) -> float:
     """Return the straight drift of a single recording [displacement/s], 0 if it shows none. With
     several recordings, each has its own offset."""
+    drives = found.drives
     if len(drives) != 1 or drives[0].sizes.size < 2 or not shows_drift(drives):
         return 0.0
     (ways,), best = drives, found.best
@@ -230,7 +233,7 @@ def without_ramp(setup: FitSetup, ramp: float) -> FitSetup:
     return replace(setup, rows=rows)
 
 
-def find_segments(rows: Sequence[Rows], span: float) -> list[DriveSegments]:
+def _find_segments(rows: Sequence[Rows], span: float) -> list[DriveSegments]:
     """Return the segments of each recording's drive."""
     known = [~np.isnan(one.u) for one in rows]
     return [

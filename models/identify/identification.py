@@ -19,7 +19,6 @@ from dehyst.models.hysteresis.z_range import is_invertible
 from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
 from dehyst.models.identify.choice import (
     count_picked,
-    find_segments,
     fit_chosen,
     make_choice,
     measure_left,
@@ -58,7 +57,7 @@ from dehyst.models.identify.uncertainty import (
 from dehyst.models.model import Fit, Provenance, Validity
 from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Floats, Recording
-from dehyst.models.signals.drive_segments import has_one_size
+from dehyst.models.signals.drive_segments import DriveSegments, has_one_size
 from dehyst.models.signals.pace import measure_slowest_s
 from dehyst.models.signals.rounding import quantum
 from dehyst.models.units import spell_unit
@@ -145,6 +144,7 @@ class _Found:
     fitted: Fitted
     tried: list[TriedStructure]
     notes: list[str]
+    drives: Sequence[DriveSegments]
     static_because: str = ""
     drifted: float = 0.0
     """Mean of the residuals at the end of a recording that drifts: added to the model's offset."""
@@ -198,7 +198,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         setup, own = (without_ramp(one, -chosen.ramp) for one in (setup, fitted.setup))
         fitted = replace(fitted, setup=own)
     because = chosen.search.static_because
-    return _Found(setup, flat, best, search.r, fitted, tried, notes, because)
+    return _Found(setup, flat, best, search.r, fitted, tried, notes, chosen.drives, because)
 
 
 def _follow_drift(found: _Found, unit: str) -> _Found:
@@ -210,7 +210,7 @@ def _follow_drift(found: _Found, unit: str) -> _Found:
     """
     if len(found.setup.rows) != 1 or 0 not in found.fitted.shape.powers:
         return found
-    if not shows_drift(find_segments(found.setup.rows, found.setup.span)):
+    if not shows_drift(found.drives):
         return found
     (error,), (pick,) = found.residuals(), found.setup.picks
     means = np.array([part.mean() for part in np.array_split(error[pick], TUNING.parts)])
@@ -285,7 +285,7 @@ def _result(
         )
     validity = _find_validity(setup)
     most = TUNING.quarter * describe(replace(model, validity=validity)).stroke
-    shown = band <= most and not has_one_size(find_segments(setup.rows, setup.span))
+    shown = band <= most and not has_one_size(found.drives)
     model = replace(
         model,
         validity=validity,

@@ -31,6 +31,7 @@ LATE, RARE = 1.2, 0.05  # periods: a longer step ends at a late sample; share of
 # late samples are exceptions
 DOUBT = 5.0  # times the noise over the root of the rows: three standard errors of its estimate, by
 # the median of second differences of white noise (1.65 / root of the rows each)
+MOST_ROWS = 100_000  # rows of which the share of the motion in an error is found
 SURE = 1.96  # standard errors of a correlation of white noise: 95 % are smaller
 
 
@@ -179,11 +180,14 @@ def validate(model: Model, recording: Recording) -> Validation:
 def _without_motion(error: Floats, predicted: Floats) -> Floats:
     """Return the error (N,) without what the predicted motion explains of it, at the row and its
     neighbours: a wrong gain is no noise, however few rows there are to a cycle."""
-    moved = np.stack([np.roll(predicted, k) for k in (-1, 0, 1)] + [np.ones(error.size)], axis=1)
-    known = ~np.isnan(error) & ~np.isnan(moved).any(axis=1)
-    if np.count_nonzero(known) < 2 * LAGS:
+    moved = [np.roll(predicted, k) for k in (-1, 0, 1)]
+    at = np.flatnonzero(np.isfinite(error + sum(moved)))
+    if at.size < 2 * LAGS:
         return error
-    return error - moved @ np.linalg.lstsq(moved[known], error[known], rcond=None)[0]
+    some = at[:: max(1, at.size // MOST_ROWS)]
+    columns = np.stack([*(x[some] for x in moved), np.ones(some.size)], axis=1)
+    *shares, mean = np.linalg.lstsq(columns, error[some], rcond=None)[0]
+    return error - mean - sum(k * x for k, x in zip(shares, moved, strict=True))
 
 
 def _find_noisier(error: Floats, noise: float, claimed: float | None) -> float:

@@ -59,8 +59,9 @@ def frozen_readings(y: Floats, drive: Floats) -> Bools:
     begins = np.flatnonzero(np.r_[True, values[1:] != values[:-1]])
     ends = np.r_[begins[1:], rows.size]
     span = float(np.ptp(u))
-    for begin, end in zip(begins, ends, strict=True):
-        if end - begin >= FROZEN_ROWS and np.ptp(u[begin:end]) > FROZEN_WAY * span:
+    long = ends - begins >= FROZEN_ROWS
+    for begin, end in zip(begins[long], ends[long], strict=True):
+        if np.ptp(u[begin:end]) > FROZEN_WAY * span:
             out[rows[begin:end]] = True
     rest = values[~out[rows]]
     if rest.size < LEAST_READINGS:

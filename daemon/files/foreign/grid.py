@@ -107,9 +107,19 @@ def lay_out(
         for j in range(width)
     ]
     return GridLayout(
-        first, width, apart(found.headings), found.units, numeric, late, notes, step_s,
-        found.start_s, decimal, unclear, found.header,
-    )  # fmt: skip
+        first=first,
+        width=width,
+        headings=apart(found.headings),
+        units=found.units,
+        numeric=numeric,
+        late=late,
+        notes=notes,
+        step_s=step_s,
+        start_s=found.start_s,
+        decimal=decimal,
+        unclear=unclear,
+        header=found.header,
+    )
 
 
 def _numbers(

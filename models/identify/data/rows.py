@@ -22,6 +22,14 @@ from dehyst.models.units import spell_unit
 
 REGULAR = 1e-3
 """Deviation of the time steps, as a share of the usual one, below which stamps do not jitter."""
+REPEATED = (
+    "{} of {} rows repeat the reading of the row before: the gauge was polled faster than it "
+    "reads; each reading counts once"
+)
+FROZEN = (
+    "{} of {} readings stay exactly the same while the drive moves: the gauge is stuck or at its "
+    "limit there; they were left out"
+)
 SWEPT = 0.9
 """Share of a recording's drive range that the drive has to sweep before its memory is known."""
 
@@ -68,20 +76,11 @@ def read_rows(recording: Recording) -> Rows:
     _require_size(name, recording.size)
     notes = [text] if (text := recording.defects()) else []
     u, y, t = recording.drive, recording.displacement, recording.t_s
-    again = repeated_readings(y, u)
-    if again.any():
-        y = np.where(again, np.nan, y)
-        notes.append(
-            f"{name}: {np.count_nonzero(again)} of {y.size} rows repeat the reading of the row "
-            "before: the gauge was polled faster than it reads; each reading counts once"
-        )
-    frozen = frozen_readings(y, u)
-    if frozen.any():
-        y = np.where(frozen, np.nan, y)
-        notes.append(
-            f"{name}: {np.count_nonzero(frozen)} readings stay exactly the same while the drive "
-            "moves: the gauge is stuck or at its limit there; they were left out"
-        )
+    for find, says in ((repeated_readings, REPEATED), (frozen_readings, FROZEN)):
+        out = find(y, u)
+        if out.any():
+            y = np.where(out, np.nan, y)
+            notes.append(f"{name}: {says.format(np.count_nonzero(out), y.size)}")
     u = remove_glitches(name, t, u, notes)
     present = ~np.isnan(u)
     for column, values in ((recording.drive_column, u), (recording.displacement_column, y)):

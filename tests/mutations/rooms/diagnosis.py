@@ -559,8 +559,8 @@ CHANGES = [
         Change(
             "the-odd-one-of-a-given-model-stays",
             "models/diagnosis/steps.py",
-            "    odd = prepared.diagnosed.odd or _find_odd(prepared)\n",
-            "    odd = prepared.diagnosed.odd\n",
+            "(prepared.diagnosed.odd or _find_odd(prepared)) if left",
+            "prepared.diagnosed.odd if left",
             "a recording of another stage is blamed on friction, if a model is given",
         ),
         Change(

@@ -174,7 +174,7 @@ CHANGES += room(
     Change(
         "drift-in-the-fit",
         CHOICE,
-        "    if ramp := _find_ramp(found, drives):\n",
+        "    if ramp := _find_ramp(found):\n",
         "    if ramp := 0.0:\n",
         "a drift of the reading is taken for hysteresis and curve",
     ),
@@ -496,7 +496,7 @@ CHANGES += (
         Change(
             "an-interval-for-all-sizes",
             "models/identify/identification.py",
-            "shown = band <= most and not has_one_size(find_segments(setup.rows, setup.span))",
+            "shown = band <= most and not has_one_size(found.drives)",
             "shown = band <= most",
             "an interval is stated for loops of sizes that were not driven",
         ),
