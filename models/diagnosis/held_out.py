@@ -83,8 +83,7 @@ class Refitted(WritableFit):
 
 class HeldOutErrors(NamedTuple):
     """Errors on rows that were left out. mean_square, known: of all of them, before and after
-    removing what belongs to one recording alone, such as the phase of a line, which no model can
-    know for another recording; of_each: rms of each recording."""
+    removing lines, whose phases no model can know; of_each: rms of each recording."""
 
     mean_square: float
     known: float
@@ -99,18 +98,20 @@ class HeldOutErrors(NamedTuple):
 
 @dataclass(frozen=True)
 class HeldOutGroups:
-    """Groups of rows that are left out together, and what belongs to each recording alone."""
+    """Groups of rows that are left out together, and the lines in each."""
 
     data: Data
     groups: tuple[Bools, ...]  # (N,) each
-    own: tuple[Floats, ...]  # columns on the counted rows of each group
+    lines: tuple[Floats, ...]  # columns of a sine and a cosine each, on each group's counted rows
 
     def held_out_errors(self, write: Callable[[Bools], Model]) -> HeldOutErrors:
         """Return the errors of the models, each written without its group, offsets removed."""
         sums, each = np.zeros(2), np.zeros((2, len(self.data.names)))
-        for group, own in zip(self.groups, self.own, strict=True):
+        for group, lines in zip(self.groups, self.lines, strict=True):
             left = self._error(write(group), group)
-            rest = left - own @ np.linalg.lstsq(own, left, rcond=None)[0] if own.size else left
+            rest = (
+                left - lines @ np.linalg.lstsq(lines, left, rcond=None)[0] if lines.size else left
+            )
             sums += left @ left, rest @ rest
             each[:, self.data.rec[np.argmax(group)]] += np.array([left @ left, left.size])
         count = sum(int((g & self.data.rows).sum()) for g in self.groups)
@@ -131,30 +132,29 @@ class HeldOutGroups:
 
 
 def make_held_out_groups(problem: Problem, fit: JointFit, drive: Floats) -> HeldOutGroups:
-    """Return the groups of a problem. fit: with all effects, used to find what belongs to one
-    recording alone; drive: (N,) as it was recorded, on which models are simulated."""
+    """Return the groups of a problem. fit: with all effects, of which some may be lines;
+    drive: (N,) as it was recorded, on which models are simulated."""
     data = problem.data
     count = len(data.names)
     of = data.rec if count >= TUNING.few else data.block
-    groups, owns = [], []
+    of_lines = _find_lines(problem, fit)
+    groups, lines = [], []
     for g in np.unique(of[data.rows]):
         here = of == g
-        beside = problem.counted(data.rec != data.rec[np.argmax(here)])
-        own = ~fit.design[beside].any(axis=0) if count > 1 else _unwritten(problem, fit)
         groups.append(here)
-        owns.append(fit.design[problem.counted(here)][:, own])
-    return HeldOutGroups(replace(data, u=drive), tuple(groups), tuple(owns))
+        lines.append(fit.design[problem.counted(here)][:, of_lines])
+    return HeldOutGroups(replace(data, u=drive), tuple(groups), tuple(lines))
 
 
-def _unwritten(problem: Problem, fit: JointFit) -> Bools:
-    """Return a mask (K,) of the columns of effects that the drive does not cause and that no block
-    of the model contains."""
-    unwritten = [np.zeros(len(problem.data.names) + problem.base.width, dtype=bool)]
+def _find_lines(problem: Problem, fit: JointFit) -> Bools:
+    """Return a mask (K,) of the columns of lines: of effects that the drive does not cause and that
+    no block of the model contains."""
+    out = [np.zeros(len(problem.data.names) + problem.base.width, dtype=bool)]
     for effect, a in zip(fit.effects, fit.amplitudes, strict=True):
         one = effect.candidate
-        never = not one.driven and not one.blocks(effect.theta, a, problem.data)
-        unwritten.append(np.full(a.size, never))
-    return np.concatenate(unwritten)
+        line = not (one.driven or one.blocks(effect.theta, a, problem.data))
+        out.append(np.full(a.size, line))
+    return np.concatenate(out)
 
 
 def _fit_without(problem: Problem, fit: JointFit, here: Bools) -> JointFit:

@@ -109,7 +109,7 @@ def _choose(
 ) -> Choice:
     """Choose the structure, again without the outliers that it shows. ramp: the drift that was
     subtracted; known: notes on what was left out before."""
-    notes = list(known)
+    notes, wild = list(known), 0
     wanted = list_shapes(options.rate, options.saturation, options.bias)
     if setup.rate_max <= 0.0 or (not shown.rates and options.rate is None):
         wanted = [s for s in wanted if not s.rate]
@@ -121,10 +121,11 @@ def _choose(
         fewer, count = setup.without_outliers(errors) if left else (setup, 0)
         if not count:
             break
-        notes.append(f"{count} lone displacement values far off their neighbours were left out")
-        setup = fewer
+        setup, wild = fewer, wild + count
         if count <= 1e-3 * errors[0].size:
             break
+    if wild:
+        notes.append(f"{wild} lone displacement values far off their neighbours were left out")
     return Choice(setup, search, tried, best, notes, shown, drives, ramp)
 
 

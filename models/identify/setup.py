@@ -33,7 +33,12 @@ from dehyst.models.identify.tuning import TUNING
 from dehyst.models.model import Hysteresis, Model, Validity
 from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats
-from dehyst.models.signals.lone import measure_jumps
+from dehyst.models.signals.lone import (
+    DRIVEN,
+    measure_driven_jumps,
+    measure_jumps,
+    measure_peaks,
+)
 
 
 @dataclass(frozen=True)
@@ -222,8 +227,9 @@ class FitSetup:
     def without_outliers(self, residuals: Sequence[Floats]) -> tuple["FitSetup", int]:
         """Return the setup without the rows of lone wild readings, and the number of these rows.
 
-        A reading is wild if its residual is far from those of its neighbours while the displacement
-        itself jumps there and back. Misfit is not wild: there the model jumps, or neither does.
+        A reading is wild if its residual is far from those of its neighbours, on the same side of
+        both, while the displacement itself jumps and the drive does not. Misfit is not wild: there
+        the model jumps, or neither does, or the stage follows an edge of the drive late.
         """
         picks, count = [], 0
         known = [measure_deviation(e) for e in residuals]
@@ -234,10 +240,12 @@ class FitSetup:
         chances = np.log(max(usual, sum(k.size for k in known))) / np.log(usual)
         scatter = 1.4826 * float(np.median(middle)) if middle.size else 0.0
         limit = TUNING.wild * np.sqrt(chances) * scatter
-        for pick, off, one in zip(self.picks, known, self.rows, strict=True):
+        for pick, off, e, one in zip(self.picks, known, residuals, self.rows, strict=True):
             size = float(np.ptp(np.nanquantile(sample(one.y), [0.02, 0.98])))
-            jumps = (np.abs(measure_jumps(one.y)) > 0.4 * off) | (off > 0.05 * size)
+            jumps = np.minimum(np.abs(measure_jumps(one.y)), measure_peaks(e)) > 0.4 * off
+            jumps |= off > 0.05 * size
             with np.errstate(invalid="ignore"):
+                jumps &= measure_driven_jumps(one.y, one.u) < DRIVEN * off
                 wild = pick & jumps & (off > max(limit, TUNING.trace * size))
             number = int(np.count_nonzero(wild))
             if 0 < number <= TUNING.small * pick.size:

@@ -32,23 +32,42 @@ def lone_readings(y: Floats, u: Floats) -> Bools:
     known = np.flatnonzero(np.isfinite(y) & np.isfinite(u))
     if known.size < 20:
         return lone
-    v, drive = y[known], u[known]
-    off, beside = np.abs(measure_jumps(v)), np.abs(measure_jumps(drive))
+    v = y[known]
+    off, driven = np.abs(measure_jumps(v)), measure_driven_jumps(v, u[known])
     limit = max(OFF * 1.4826 * float(np.median(off)), STEPS * quantum(v), 1e-12 * float(np.ptp(v)))
-    both = np.zeros(v.size)
-    before, after = v[1:-1] - v[:-2], v[1:-1] - v[2:]
-    both[1:-1] = np.where(before * after > 0.0, np.minimum(np.abs(before), np.abs(after)), 0.0)
-    gain = float(np.ptp(np.quantile(v, [0.02, 0.98])))
-    gain /= max(float(np.ptp(np.quantile(drive, [0.02, 0.98]))), 1e-300)
     rest = np.maximum(np.roll(off, 1), np.roll(off, -1))  # the two rows at each end are 0
-    near = np.max([np.roll(beside, k) for k in (-2, -1, 0, 1, 2)], axis=0)
-    far = (off > limit) & (both > BOTH * off) & (gain * near < DRIVEN * off) & (rest < ALONE * off)
+    far = (
+        (off > limit)
+        & (measure_peaks(v) > BOTH * off)
+        & (driven < DRIVEN * off)
+        & (rest < ALONE * off)
+    )
     at = np.flatnonzero(far)
     gaps = np.diff(at, prepend=-APART, append=far.size + APART)
     at = at[np.minimum(gaps[:-1], gaps[1:]) >= APART]
     if 0 < at.size <= max(1.0, FEW * known.size):
         lone[known[at]] = True
     return lone
+
+
+def measure_peaks(x: Floats) -> Floats:
+    """Return how far each value (N,) lies above both of its neighbours, or below both: the distance
+    to the nearer one; 0 where it lies between them, and next to NaN."""
+    out = np.zeros(x.size)
+    before, after = x[1:-1] - x[:-2], x[1:-1] - x[2:]
+    with np.errstate(invalid="ignore"):
+        same = before * after > 0.0
+    out[1:-1] = np.where(same, np.minimum(np.abs(before), np.abs(after)), 0.0)
+    return out
+
+
+def measure_driven_jumps(y: Floats, u: Floats) -> Floats:
+    """Return the largest jump (N,) of the drive among each row and its four neighbours, in units of
+    the reading by the ratio of their spans. y, u: (N,) reading and drive, NaN where missing."""
+    spans = [float(np.ptp(np.nanquantile(v, [0.02, 0.98]))) for v in (y, u)]
+    jumps = np.abs(measure_jumps(u))
+    near = np.max([np.roll(jumps, k) for k in (-2, -1, 0, 1, 2)], axis=0)
+    return np.asarray(near * (spans[0] / max(spans[1], 1e-300)))
 
 
 @njit(cache=True, nogil=True)

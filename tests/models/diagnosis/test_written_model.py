@@ -146,6 +146,27 @@ def test_the_error_of_each_recording_left_out_is_known() -> None:
     assert left.mean_square < left.of_each[1] ** 2
 
 
+def test_of_what_comes_by_itself_only_a_line_is_not_held_against_a_model() -> None:
+    """Two scans with hum, and with creep from before each began."""
+    hum_um, creep_um, given = 0.05, 0.2, []
+    for seed in (1, 2):
+        one = scan(seed)
+        hum = hum_um * np.sin(2 * np.pi * 50.0 * one.t_s + seed)
+        earlier = creep_um * np.log10(1.0 + one.t_s / 0.5)
+        assert one.displacement is not None
+        given.append(replace(one, displacement=one.displacement + hum + earlier))
+    data = prepare(given)
+    problem = Problem(data, rich_base(data))
+    by_key = {c.key: c for c in list_candidates(data)}
+    effects = [Effect(by_key["hum"], (50.0,)), Effect(by_key["creep-earlier"], (0.5, 0.5))]
+    model = fit_plain_model(prepare([scan(1), scan(2)]), THRESHOLDS * data.span)
+    held_out = make_held_out_groups(problem, problem.refit(effects), data.u)
+    left = held_out.held_out_errors(lambda here: model)
+    assert left.mean_square - left.known == pytest.approx(0.5 * hum_um**2, rel=0.1)
+    t = data.t[: data.n // 2]
+    assert left.known > 0.8 * np.var(creep_um * np.log10(1.0 + t / 0.5))
+
+
 def test_no_recording_may_become_worse() -> None:
     """That of the largest error hides what becomes of the others."""
     in_use = HeldOutErrors(1.0, 1.0, (0.9, 0.04, 0.04))

@@ -148,7 +148,7 @@ def test_the_rests_of_a_staircase_show_a_lag_of_any_length(tau_s: float) -> None
     (block,) = found.model.blocks
     assert block.kind == "lag"
     assert block.params["tau_s"] == pytest.approx(tau_s, rel=0.2)
-    assert found.model.fit.rms < 2.0 * found.noise_rms
+    assert found.used[0].all()  # also the rows after an edge
 
 
 def test_two_rates_give_the_lag() -> None:

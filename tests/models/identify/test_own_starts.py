@@ -9,6 +9,7 @@ from tests.rigs.diagnosis import diagnose_without_limits
 from tests.rigs.outside import plays
 
 from dehyst.models.identify import identify
+from dehyst.models.identify.validation import validate
 from dehyst.models.recording import Floats, Recording
 
 RATE_HZ, NOISE_UM = 500.0, 0.008
@@ -88,6 +89,30 @@ def test_lone_readings_are_left_out_and_said() -> None:
     found = diagnose_without_limits(given)
     assert (found.verdict, found.findings) == ("clean", ())
     assert any(said.startswith("3 lone readings") for said in found.data.says)
+
+
+def follow_late(name: str, u: Floats, tau_s: float, seed: int) -> Recording:
+    """Record a stage behind a first-order lag, whose drive is held between the samples: the lag's
+    exact response."""
+    still, left = plays(u, R, W), np.exp(-1.0 / (RATE_HZ * tau_s))
+    y = np.empty(u.size)
+    y[0] = still[0]
+    for k in range(1, u.size):
+        y[k] = left * y[k - 1] + (1.0 - left) * still[k - 1]
+    noise = NOISE_UM * np.random.default_rng(seed).standard_normal(u.size)
+    return Recording(times(u.size / RATE_HZ), u, y + noise, name=f"{name}.csv")
+
+
+@pytest.mark.parametrize("tau_s", [0.002, 0.005, 0.02])
+def test_readings_after_an_edge_that_the_stage_follows_late_are_not_lone(tau_s: float) -> None:
+    rng = np.random.default_rng(3)
+    levels = np.r_[0.0, 150.0, 30.0, 120.0, 60.0, 90.0, rng.uniform(0.0, 150.0, 24)]
+    found = identify([follow_late("stairs", np.repeat(levels, 150), tau_s, 5)])
+    assert not any("lone" in note for note in found.notes)
+    assert found.used[0].all()
+    others = np.repeat(rng.uniform(0.0, 150.0, 24), 100), sine(0.0, 150.0, 1.5, 6.0)
+    for seed, u in enumerate(others):
+        assert not validate(found.model, follow_late("other", u, tau_s, seed)).worse
 
 
 def test_a_recording_that_sweeps_its_range_only_before_a_rest_is_not_of_another_stage() -> None:

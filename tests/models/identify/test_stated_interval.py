@@ -75,7 +75,7 @@ def test_a_structure_that_could_not_be_taken_does_not_widen_it() -> None:
 def test_misfit_counts_by_how_it_is_distributed(count: int, widened: float) -> None:
     """A hum that the model lacks, on for a tenth of the time: 95 % of its values are within 3 times
     its rms. A single recording widens the interval to allow for another waveform, two do not."""
-    hum = np.where(T % 0.4 < 0.04, np.sin(2 * np.pi * 23.7 * T), 0.0)
+    hum = np.where(T % 0.4 < 0.04, 0.2 * np.sin(2 * np.pi * 23.7 * T), 0.0)
     given = [recorded(two_sines(2.0, 5.4), 0), recorded(two_sines(3.1, 4.6), 1)][:count]
     hummed = [replace(r, displacement=np.add(r.displacement, hum)) for r in given]
     band = identify(hummed, Options(rate=False)).model.fit.band

@@ -366,6 +366,13 @@ CHANGES = [
             "a model is written that a left-out recording contradicts",
         ),
         Change(
+            "the-past-is-not-left",
+            "models/diagnosis/held_out.py",
+            "line = not (one.driven or one.blocks(effect.theta, a, problem.data))",
+            "line = not one.driven",
+            "explained is said where creep from before a left-out recording is left",
+        ),
+        Change(
             "class-error-is-noise",
             "models/diagnosis/verdict.py",
             "not written.explains(noise)",

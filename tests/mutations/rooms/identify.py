@@ -533,6 +533,23 @@ CHANGES += (
         ),
     )
     + room(
+        ("tests/models/identify/test_own_starts.py",),
+        Change(
+            "late-edges-are-lone",
+            "models/identify/setup.py",
+            "jumps &= measure_driven_jumps(one.y, one.u) < DRIVEN * off",
+            "",
+            "readings after an edge that a stage follows late are left out",
+        ),
+        Change(
+            "lone-on-one-side",
+            "models/identify/setup.py",
+            "np.minimum(np.abs(measure_jumps(one.y)), measure_peaks(e)) > 0.4 * off",
+            "np.abs(measure_jumps(one.y)) > 0.4 * off",
+            "a reading is lone although a neighbour is as far off",
+        ),
+    )
+    + room(
         ("tests/models/signals/test_lone.py",),
         Change(
             "ringing-is-lone",
@@ -544,7 +561,7 @@ CHANGES += (
         Change(
             "edges-are-lone",
             "models/signals/lone.py",
-            "& (gain * near < DRIVEN * off)",
+            "& (driven < DRIVEN * off)",
             "",
             "readings of a drive with pulses are left out",
         ),
