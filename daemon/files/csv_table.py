@@ -193,14 +193,18 @@ def _plausible(block: Floats) -> bool:
 
 def _parse_slowly(name: str, header: list[str], text: str, first_line: int) -> Floats:
     rows = []
-    for number, line in enumerate(text.split("\n"), first_line):
+    lines = text.split("\n")
+    for number, line in enumerate(lines, first_line):
         content = _COMMENT.sub("", line).strip()
         if not content:
             continue
         fields = content.split(",")
         if len(fields) != len(header):
+            cut = number == first_line + len(lines) - 1 and len(fields) < len(header)
             raise BadRecording(
                 f"{name}: line {number} has {len(fields)} fields, the header has {len(header)}"
+                + f": the last line is cut short; dehyst convert --unfinished {name} whole.csv "
+                "keeps the lines before" * cut
             )
         rows.append([_field(name, number, k, f) for k, f in zip(header, fields, strict=True)])
     return np.array(rows, dtype=np.float64).reshape(-1, len(header))

@@ -6,6 +6,7 @@ dehyst.daemon.files.foreign), and the interpretation is reported.
 
 import gzip
 import re
+import tempfile
 import warnings
 import zipfile
 import zlib
@@ -27,7 +28,9 @@ from dehyst.daemon.files.csv_table import (
 from dehyst.daemon.files.foreign.apart import NEEDS, read_apart
 from dehyst.daemon.files.foreign.arrays import found_in, of_one_length
 from dehyst.daemon.files.foreign.fields import number_of
-from dehyst.daemon.files.foreign.found import Column, Sheet
+from dehyst.daemon.files.foreign.found import Column, Given, Sheet
+from dehyst.daemon.files.foreign.no_value import MOST_MISSING, stands_for_none
+from dehyst.daemon.files.foreign.packed import PACKED, kind_of_zip, unpack
 from dehyst.daemon.files.foreign.reading import AS_IT_IS, ReadOptions
 from dehyst.daemon.files.foreign.roles import BY_UNIT, PLAIN, role_of
 from dehyst.daemon.files.foreign.text import read_text_table
@@ -37,14 +40,17 @@ from dehyst.daemon.files.sidecar import read_notes
 from dehyst.daemon.files.unfinished import is_unfinished_npz, not_finished, read_whole_part
 from dehyst.daemon.printable import printable
 from dehyst.models.errors import BadRecording
-from dehyst.models.recording import Floats
+from dehyst.models.recording import Bools, Floats
 
-TEXTS = (".csv", ".csv.gz", ".txt", ".dat", ".tsv", ".lvm")
-SUFFIXES = (*TEXTS, ".npz", ".npy", ".mcap", *NEEDS)
+TEXTS = (".csv", ".csv.gz", ".txt", ".dat", ".tsv", ".lvm", ".asc", ".prn")
+SUFFIXES = (*TEXTS, ".npz", ".npy", ".mcap", *NEEDS, *PACKED)
+ARCHIVES = (".tar", ".tgz", ".7z", ".rar")
 UNDERSTOOD = ("t", "u")
 BEGINS = {
-    b"PK\x03\x04": ".xlsx", b"\x89HDF": ".h5", b"TDSm": ".tdms", b"PAR1": ".parquet",
-    b"\x93NUMPY": ".npy", b"MATLAB ": ".mat", b"\x89MCAP": ".mcap",
+    b"PK\x03\x04": ".zip", b"\x89HDF": ".h5", b"TDSm": ".tdms", b"PAR1": ".parquet",
+    b"\x93NUMPY": ".npy", b"MATLAB ": ".mat", b"\x89MCAP": ".mcap", b"\x1f\x8b": ".gz",
+    b"BZh": ".bz2", b"\xfd7zXZ": ".xz", b"ARROW1": ".feather", b"FEA1": ".feather",
+    b"CDF": ".nc",
 }  # fmt: skip
 """First bytes of the files that are no text, and the suffix of such a file."""
 
@@ -83,11 +89,12 @@ def load_columns(
         raise BadRecording(f"{path}: is not an ordinary file")
     if not name.lower().endswith(SUFFIXES):
         raise BadRecording(
-            f"{name}: unknown kind of file; {', '.join(SUFFIXES)} are read (rename a text file to "
-            ".txt)"
+            f"{name}: unknown kind of file; {_remedy_for(path)}; {', '.join(SUFFIXES)} are read"
         )
     kind = path.suffix.lower()
     _refuse_wrong_suffix(path)
+    if kind in PACKED and not name.lower().endswith(".csv.gz"):
+        return _load_packed(path, reading, wants)
     if unfinished:
         read = read_whole_part(path) if kind != ".mcap" else None
         loaded = Loaded(*read) if read is not None else _load_mcap(path, reading, True, wants)
@@ -109,22 +116,75 @@ def load_columns(
         loaded.notes |= read_notes(path)
     if not loaded.columns:
         raise BadRecording(f"{name}: the file holds no columns")
+    if not loaded.said:  # in dehyst's own form, which is read to the bit
+        found = [_no_values(key, values)[1] for key, values in loaded.columns.items()]
+        remarks = [
+            f"{text} may stand for no value; if so, empty these fields" for text in found if text
+        ]
+        loaded.said = "; ".join(remarks)
     return loaded
 
 
-def _refuse_wrong_suffix(path: Path) -> None:
-    """Raise BadRecording naming the right suffix if a file begins as another kind does."""
+def _no_values(name: str, values: Floats) -> tuple[Bools, str]:
+    """Return (which values of a column stand for no value, words for them or "")."""
+    none, words = stands_for_none(values, name == "t_s")
+    rows = "1 row" if np.count_nonzero(none) == 1 else f"{np.count_nonzero(none)} rows"
+    return none, f"{words} in {rows} of {name[:40] or 'a column'}" if words else ""
+
+
+def _load_packed(path: Path, reading: ReadOptions, wants: Sequence[str]) -> Loaded:
+    """Load the file that a packed one holds, whose kind its own name says, or its content."""
+    with tempfile.TemporaryDirectory(prefix="dehyst-read-") as folder:
+        inner = unpack(path, Path(folder))
+        if not inner.name.lower().endswith(SUFFIXES):
+            kind, text = _content_of(inner)
+            inner = inner.rename(f"{inner}{kind or ('.txt' if text else '')}")
+        try:
+            loaded = load_columns(inner, reading, wants=wants)
+        except BadRecording as error:
+            said = str(error).replace(str(inner), path.name).replace(inner.name, path.name)
+            raise BadRecording(said) from None
+    loaded.where = lambda row: f"row {row + 1}"
+    return loaded
+
+
+def _remedy_for(path: Path) -> str:
+    """Return how a file of unknown kind becomes one that is read."""
+    kind, text = _content_of(path)
+    if path.suffix.lower() in ARCHIVES:
+        return "unpack it, and name the recordings in it"
+    if kind or text:
+        return f"it begins as {'text does' if text else f'a {kind} does'}: rename it to " + (
+            kind or ".txt"
+        )
+    return "save it as .csv or .xlsx in the program that wrote it"
+
+
+def _content_of(path: Path) -> tuple[str, bool]:
+    """Return (suffix of the kind that a file begins as, or ""; whether it begins as text)."""
     try:
         with path.open("rb") as file:
             head = file.read(512)
     except OSError:  # whoever reads it says why
-        return
+        return "", False
+    marks = (b"\xff\xfe", b"\xfe\xff", b"\xef\xbb\xbf")
+    kind = next((suffix for begin, suffix in BEGINS.items() if head.startswith(begin)), "")
+    if kind == ".zip":
+        return kind_of_zip(path), False
+    plain = bool(head) and all(byte in b"\t\r\n" or byte >= 32 for byte in head)
+    return kind, not kind and (plain or head.startswith(marks))
+
+
+def _refuse_wrong_suffix(path: Path) -> None:
+    """Raise BadRecording naming the right suffix if a file begins as another kind does."""
     kind = path.suffix.lower()
-    right = next((suffix for begin, suffix in BEGINS.items() if head.startswith(begin)), "")
+    right, text = _content_of(path)
     if right and kind in TEXTS:
-        raise BadRecording(f"{path.name}: is no text but begins as a {right} file does: rename it")
-    text = bool(head) and all(byte in b"\t\r\n" or 32 <= byte < 127 for byte in head)
-    if text and not right and (kind in NEEDS or kind in (".npy", ".npz")):
+        name = f"{path.name}{right}" if right in PACKED else f"{path.stem}{right}"
+        raise BadRecording(
+            f"{path.name}: is no text but begins as a {right} file does: rename it to {name}"
+        )
+    if text and kind in {*NEEDS, ".npy", ".npz"} - {".json", ".jsonl"}:
         what = NEEDS[kind][0] if kind in NEEDS else f"an {kind} file"
         raise BadRecording(f"{path.name}: not {what} but text: rename it to .txt")
 
@@ -188,7 +248,7 @@ def understand_columns(
     """Interpret columns that are already in memory, by name."""
     if not reading and _names_are_own(arrays, ("t",)):
         return Loaded(plain_columns(name, arrays), {})
-    found = found_in(((key, "", _numbers(values)) for key, values in arrays.items()), {})
+    found = found_in((Given(key, _numbers(values)) for key, values in arrays.items()), {})
     return _understood(Path(name), found, reading, wants)
 
 
@@ -200,8 +260,12 @@ def _understood(path: Path, found: Sheet, reading: ReadOptions, wants: Sequence[
     for column in found.columns:  # shown in messages, and given to --columns as shown
         column.heading, column.unit = printable(column.heading), printable(column.unit)
         column.values = _finite(column.values)
+        none, words = _no_values(column.heading, column.values)
+        if words:
+            column.values = np.where(none, np.nan, column.values)
+            found.said.append(f"{words} taken for no value")
     found.said = [printable(text) for text in found.said]
-    found = of_one_length(path.name, found, [str(v) for v in reading.columns.values()])
+    found = of_one_length(path.name, found, map(str, reading.columns.values()), wants)
     _refuse_absurd(path.name, {c.heading: c.values for c in found.columns})
     try:
         read = understand(path.name, found, reading, wants)
@@ -227,9 +291,11 @@ def _load_npz(path: Path, reading: ReadOptions, wants: Sequence[str]) -> Loaded:
     own = numbers and one_length and not left and _names_are_own(arrays, wants)
     if own and not reading:
         return Loaded(plain_columns(path.name, arrays), notes)
-    found = found_in(((key, "", values) for key, values in arrays.items()), notes)
+    found = found_in((Given(key, values) for key, values in arrays.items()), notes)
     if left:
-        found.said.append(f"with Python objects and left out: {', '.join(left[:5])}")
+        found.said.append(
+            f"with Python objects and left out: {', '.join(left[:5])}: save their arrays one by one"
+        )
     return _understood(path, found, reading, wants)
 
 
@@ -248,7 +314,7 @@ def _read_npy(path: Path) -> Sheet:
     array = _carefully(path, ".npy", lambda: np.load(path, allow_pickle=False, mmap_mode="r"))
     if 8 * array.size > MOST_BYTES:
         raise BadRecording(f"{path.name}: more than {MOST_BYTES >> 20} MB; cut it into pieces")
-    return found_in([("", "", np.array(array))], {})
+    return found_in([Given("", np.array(array))], {})
 
 
 def _read_npz(path: Path) -> tuple[dict[str, Any], list[str]]:
@@ -294,6 +360,8 @@ def _carefully(path: Path, kind: str, read: Callable[[], Any]) -> Any:
         raise
     except Exception as error:
         why = " ".join(str(error).split())[:200] or type(error).__name__
+        if "Python objects" in why:
+            why = "it holds Python objects; save their arrays by numpy.savez(FILE, t=..., u=...)"
         raise BadRecording(f"{path}: not an {kind} file that can be read: {why}") from None
 
 
@@ -317,7 +385,7 @@ def plain_columns(name: str, arrays: Mapping[str, Any]) -> dict[str, Floats]:
 
 def _refuse_absurd(name: str, columns: Mapping[str, Floats]) -> None:
     for key, values in columns.items():
-        if values.size and float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values))) > (
-            LARGEST
-        ):
+        known = np.isfinite(values)
+        absurd = np.count_nonzero(np.abs(values[known]) > LARGEST)
+        if absurd > MOST_MISSING * np.count_nonzero(known):
             raise BadRecording(f"{name}: {key[:60]} holds numbers beyond any measurement")

@@ -17,8 +17,9 @@ from dehyst.drivers import system
 from dehyst.models.errors import BadInput, DehystError
 
 RECORDINGS = (
-    ".csv", ".csv.gz", ".txt", ".dat", ".tsv", ".lvm", ".npz", ".npy", ".mcap", ".mat", ".h5",
-    ".hdf5", ".xlsx", ".tdms", ".parquet",
+    ".csv", ".csv.gz", ".txt", ".dat", ".tsv", ".lvm", ".asc", ".prn", ".npz", ".npy", ".mcap",
+    ".mat", ".h5", ".hdf5", ".hdf", ".nc", ".xlsx", ".xlsm", ".tdms", ".parquet", ".feather",
+    ".json", ".jsonl", ".gz", ".bz2", ".xz", ".zip",
 )  # fmt: skip
 """All kinds that loading.SUFFIXES lists, which would import every reader."""
 WITH_NOTES = (".csv", ".csv.gz")

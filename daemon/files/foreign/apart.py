@@ -29,9 +29,15 @@ NEEDS = {
     ".mat": ("a MATLAB file", "scipy", ""),
     ".h5": ("an HDF5 file", "h5py", "hdf5"),
     ".hdf5": ("an HDF5 file", "h5py", "hdf5"),
+    ".hdf": ("an HDF5 file", "h5py", "hdf5"),
+    ".nc": ("a netCDF file", "h5py", "hdf5"),
     ".xlsx": ("a spreadsheet", "openpyxl", "xlsx"),
+    ".xlsm": ("a spreadsheet", "openpyxl", "xlsx"),
     ".tdms": ("a TDMS file", "nptdms", "tdms"),
     ".parquet": ("a Parquet file", "pyarrow", "parquet"),
+    ".feather": ("a Feather file", "pyarrow", "parquet"),
+    ".json": ("a JSON file", "json", ""),
+    ".jsonl": ("a file of JSON lines", "json", ""),
 }
 """(description, library that reads it, extra of dehyst that installs it) by suffix."""
 

@@ -1,87 +1,131 @@
 """Turn named arrays of any shape into columns: structures are flattened, texts become notes."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS
+from dehyst.daemon.files.foreign.beside import (
+    group_of,
+    label_beside,
+    labelled,
+    name_columns,
+    names_beside,
+    period_in,
+    unit_beside,
+)
 from dehyst.daemon.files.foreign.epochs import epoch_unit, is_rising
-from dehyst.daemon.files.foreign.found import Column, Sheet
+from dehyst.daemon.files.foreign.fields import moment_of, number_of
+from dehyst.daemon.files.foreign.found import Column, Given, Sheet, text_of
 from dehyst.daemon.files.foreign.roles import role_of
-from dehyst.daemon.files.foreign.units import find_unit_key, split_heading
+from dehyst.daemon.files.foreign.units import find_unit_key
 from dehyst.models.errors import BadRecording
 
 MOST_WIDE = 64  # columns of one two-dimensional array
 MOST_DEEP = 16
 MOST_NOTE = 200
-_UNIT_FIELDS, _LABEL_FIELDS = ("unit", "units"), ("label", "name", "title")
 
 
-def found_in(arrays: Iterable[tuple[str, str, Any]], notes: Mapping[str, str]) -> Sheet:
-    """Return the columns in arrays (name, unit, values). Single numbers and texts become notes;
-    arrays that hold no columns of numbers are left out, which is reported."""
+def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
+    """Return the columns in arrays. Single numbers and texts become notes, lists of texts name the
+    columns of the arrays beside them; arrays that hold no columns of numbers are left out, which is
+    reported."""
     columns: list[Column] = []
     kept = dict(notes)
     left: list[str] = []
-    for name, unit, values in arrays:
-        array = np.asarray(values)
+    solid: list[str] = []  # of more than two dimensions
+    lists: dict[str, list[str]] = {}
+    wide: list[tuple[Given, list[Column]]] = []
+    for one in arrays:
+        name, array = one.name, _as_array(one.values)
         if array.dtype.names:
             for key in array.dtype.names:
-                columns += _columns(f"{name}.{key}".strip("."), unit, np.asarray(array[key]))
-        elif array.dtype.kind in "US" or (array.dtype.kind == "O" and array.size == 1):
-            if array.size == 1:
-                kept[name] = str(array.reshape(-1)[0])[:MOST_NOTE]
-            else:
-                left.append(name)
-                texts = (str(text) for text in array.reshape(-1)[:MOST_WIDE])
-                kept[name] = ", ".join(texts)[:MOST_NOTE]
+                columns += _columns(f"{name}.{key}".strip("."), one.unit, np.asarray(array[key]))
+        elif (texts := _texts_in(array)) and len(texts) == 1:
+            kept[name] = texts[0][:MOST_NOTE]
+        elif texts and not (clock := _clock_in(name, texts)):
+            left.append(name)
+            lists[name] = [text.strip() for text in texts[:MOST_WIDE]]
+            kept[name] = ", ".join(texts[:MOST_WIDE])[:MOST_NOTE]
+        elif texts:
+            columns += clock
         elif array.size == 1 and array.dtype.kind in "biuf":
             kept[name] = repr(float(array.reshape(-1)[0]))
-        elif more := _columns(name, unit, array):
+        elif more := _columns(name, one.unit, array):
             columns += more
+            wide.append((one, more))
+        elif array.ndim > 2:
+            solid.append(name or "the array")
         elif array.size:
             left.append(name)
         if len(columns) > 4 * MOST_COLUMNS:
             break
     for column in columns:
-        column.unit = column.unit or _unit_beside(column.heading, kept)
-    found = Sheet(columns, kept)
-    if left:
+        column.unit = column.unit or unit_beside(column.heading, kept)
+    for one, of in wide:
+        _name(one, of, columns, lists, kept)
+    found = Sheet(columns, kept, period_in(kept.items()))
+    used = {name for name, texts in lists.items() if any(len(texts) == len(of) for _, of in wide)}
+    if solid:
+        found.said.append(
+            f"of more than two dimensions and left out: {', '.join(solid[:5])}: save one run of "
+            "it, a column for each channel"
+        )
+    if left := [name for name in left if name not in used]:
         found.said.append(f"without numbers and left out: {', '.join(left[:5])}")
     return found
 
 
-def _unit_beside(heading: str, notes: Mapping[str, str]) -> str:
-    """Return the unit that a structure states beside its numbers, "" if it states none:
-    "rec.drive.unit" or "signals.0.label" ("Drive [mV]") for "rec.drive.data"."""
-    for mark in "/.":
-        group, _, last = heading.rpartition(mark)
-        if not group or last.lower() in _UNIT_FIELDS:
-            continue
-        beside = {
-            name[len(group) + 1 :].lower(): text
-            for name, text in notes.items()
-            if name.startswith(group + mark)
-        }
-        if unit := next((beside[key] for key in _UNIT_FIELDS if key in beside), ""):
-            return unit
-        of_label = [split_heading(beside[key])[1] for key in _LABEL_FIELDS if key in beside]
-        if any(of_label):
-            return next(filter(None, of_label))
-    return ""
+def _name(
+    one: Given,
+    of: Sequence[Column],
+    columns: Sequence[Column],
+    lists: Mapping[str, Sequence[str]],
+    notes: Mapping[str, str],
+) -> None:
+    """Give the columns of an array the names and units that the file states for them."""
+    group = group_of(one.name)
+    if len(of) > 1:
+        beside = {k[len(group) :]: v for k, v in lists.items() if group_of(k) == group}
+        names, units = names_beside(one.name[len(group) :], len(of), beside)
+        name_columns(of, one.names or names, one.units or units)
+    elif one.label:
+        of[0].heading = labelled(one.name, one.label)
+    elif group and sum(group_of(column.heading) == group for column in columns) == 1:
+        of[0].heading = labelled(one.name, label_beside(one.name, notes))
 
 
-def of_one_length(name: str, found: Sheet, wanted: Iterable[str] = ()) -> Sheet:
+def _is_array(value: Any) -> bool:
+    return isinstance(value, np.ndarray | list | tuple)
+
+
+def _texts_in(array: Any) -> list[str]:
+    """Return the texts of an array that holds nothing else, [] of any other."""
+    texts = array.reshape(-1).tolist() if array.dtype.kind in "USO" else []
+    return [text_of(t) for t in texts] if all(isinstance(t, str | bytes) for t in texts) else []
+
+
+def _clock_in(name: str, texts: Sequence[str]) -> list[Column]:
+    """Return texts that are all times or dates as a column, [] for others."""
+    if len(texts) < 2 or moment_of(texts[0].strip()) is None:
+        return []
+    moments = [number_of(text) for text in texts]
+    return [] if None in moments else [Column(name, np.array(moments, dtype=float), clock=True)]
+
+
+def of_one_length(
+    name: str, found: Sheet, wanted: Iterable[str] = (), needs: Iterable[str] = ()
+) -> Sheet:
     """Keep only columns of one length: of the wanted columns or else of all, that of the time and
-    the drive, or of most roles, or the longest. Raises BadRecording if several lengths hold a drive
-    and a displacement, and none is wanted."""
+    the drive, or of most roles, or the longest. needs: roles that are required. Raises BadRecording
+    if several lengths hold a drive and a displacement, and none is wanted, or none holds both."""
     sizes = {column.values.size for column in found.columns}
     if len(sizes) < 2:
         return found
     named = {str(text).lower() for text in wanted}
-    of_wanted = {c.values.size for c in found.columns if {c.heading.lower(), str(c.number)} & named}
+    of_wanted = {column.values.size for column in _named_in(found, named)}
     roles: dict[int, set[str]] = {size: set() for size in sizes}
     for c in found.columns:
         roles[c.values.size] |= {role_of(c.heading, find_unit_key(c.unit))[0]} - {""}
@@ -96,6 +140,13 @@ def of_one_length(name: str, found: Sheet, wanted: Iterable[str] = ()) -> Sheet:
             f"{name}: it holds several runs, of {them}: name the columns of one, such as --columns "
             + option
         )
+    needed = _named_in(found, named) or _first_of_each(found, needs)
+    if len({c.values.size for c in needed}) > 1 and (named or not runs):
+        them = " and ".join(f"'{c.heading}' of {c.values.size} rows" for c in needed[:3])
+        raise BadRecording(
+            f"{name}: {them} do not belong together row by row: bring them to one rate, and write "
+            "them to one file with one column of times"
+        )
     size = max(of_wanted or sizes, key=lambda n: ({"t", "u"} <= roles[n], len(roles[n]), n))
     left = [c.heading for c in found.columns if c.values.size != size]
     found.columns = [c for c in found.columns if c.values.size == size]
@@ -103,6 +154,16 @@ def of_one_length(name: str, found: Sheet, wanted: Iterable[str] = ()) -> Sheet:
         f"of another length and left out: {', '.join(left[:5])}{', ...' * (len(left) > 5)}"
     )
     return found
+
+
+def _first_of_each(found: Sheet, needs: Iterable[str]) -> list[Column]:
+    """Return the first drive and the first displacement, if they are required."""
+    of = {role_of(c.heading, find_unit_key(c.unit))[0]: c for c in reversed(found.columns)}
+    return [of[role] for role in "uy" if role in needs and role in of]
+
+
+def _named_in(found: Sheet, named: set[str]) -> list[Column]:
+    return [c for c in found.columns if {c.heading.lower(), str(c.number)} & named]
 
 
 def _of_size(found: Sheet, size: int) -> dict[str, Column]:
@@ -164,22 +225,36 @@ def _seconds(moments: Any) -> Any:
 
 
 def flattened(value: Any, name: str = "", deep: int = 0) -> Iterator[tuple[str, Any]]:
-    """Yield (name with its path, array) of nested maps and lists."""
+    """Yield (name with its path, array) of nested maps and lists; of a list that holds arrays or
+    maps, each with its number."""
     if deep > MOST_DEEP:
         return
     if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from flattened(inner, f"{name}.{key}".strip("."), deep + 1)
-    elif isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
-        for i, inner in enumerate(value[:MOST_WIDE]):
-            yield from flattened(inner, f"{name}.{i}", deep + 1)
-    elif (
-        isinstance(value, np.ndarray)
-        and value.dtype.kind == "O"
-        and 0 < value.size <= MOST_WIDE
-        and isinstance(value.reshape(-1)[0], Mapping)
-    ):
-        for i, inner in enumerate(value.reshape(-1)):
-            yield from flattened(inner, f"{name}.{i}", deep + 1)
-    else:
+        return
+    listed = isinstance(value, np.ndarray) and value.dtype.kind == "O"
+    parts = list(value.reshape(-1)) if listed else value
+    nested = isinstance(parts, list | tuple) and 0 < len(parts) <= MOST_WIDE
+    if not nested or not any(_is_array(part) or isinstance(part, Mapping) for part in parts):
         yield name, value
+    elif (side_by_side := _stacked(parts)) is not None:
+        yield name, side_by_side
+    else:
+        for i, inner in enumerate(parts):
+            yield from flattened(inner, name if len(parts) == 1 else f"{name}.{i}", deep + 1)
+
+
+def _stacked(parts: Sequence[Any]) -> Any:
+    """Return lists of numbers of one length as an array, None of anything else."""
+    arrays = [_as_array(part).squeeze() for part in parts]
+    alike = {(array.shape, array.dtype.kind in "biuf") for array in arrays}
+    return np.stack(arrays) if alike == {((arrays[0].size,), True)} else None
+
+
+def _as_array(values: Any) -> Any:
+    """Return values as an array, an empty one of lists of several lengths."""
+    try:
+        return np.asarray(values)
+    except ValueError:
+        return np.empty(0)

@@ -8,6 +8,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from dehyst.daemon.files.foreign.epochs import (
+    apart_as_times,
+    counts_up,
+    never_falls,
+    rises_evenly,
+)
 from dehyst.daemon.files.foreign.found import Column
 from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import (
@@ -25,9 +31,6 @@ from dehyst.daemon.files.foreign.roles import (
 )
 from dehyst.daemon.files.foreign.units import ANGLE, LENGTH, VOLTAGE, find_unit_key, split_heading
 from dehyst.models.errors import BadRecording
-
-EVEN = 0.5
-"""Largest spread of the steps of evenly rising values, in mean steps: clocks are rounded."""
 
 
 def choose_columns(
@@ -54,6 +57,7 @@ def choose_columns(
     several: dict[str, list[int]] = {}
     alike: dict[str, list[int]] = {}  # the same values in each run
     which: list[str] = []
+    unnamed: list[str] = []  # roles that no heading names
     both = False  # drive and displacement are requested together
     advised: dict[str, int] = {}
     if steady and not (_holds(roles, "t") or "t" in chosen or reading.rate_hz):
@@ -81,7 +85,8 @@ def choose_columns(
                 advised[role] = _most_like(columns, others or found, role, chosen | advised)
             option = _option(columns, {r: i for r, i in advised.items() if r == role or both})
             asks = f"the {NAMES[role]}" + ", which the displacement" * both
-            which.append(f"{names}: which is {asks}? add {option}")
+            doubt = apart_as_times([columns[i].values for i in found]) if role == "t" else ""
+            which.append(f"{names}: which is {asks}? add {option}{doubt}")
             several[role] = found
         elif role in wants and role != "t" and not (role == "y" and both):
             left = [i for i in free if i not in (*chosen.values(), *advised.values(), *steady)]
@@ -91,10 +96,14 @@ def choose_columns(
             elif left:
                 advised[role] = _most_like(columns, left, role, chosen | advised)
             names = ", ".join(describe_column(column) for column in columns[:6])
-            asked.append(
+            unnamed.append(
                 f"no heading names the {NAMES[role]} (there are {names}): add "
                 + (_option(columns, {role: advised[role]}) if left else f"--columns {role}=...")
             )
+    taken = {i for role, i in chosen.items() if role in wants or role in reading.columns}
+    left = [i for i in free if i not in taken and i != advised.get("t") and roles[i][0] != "t"]
+    lacking = _lacking(columns, left, [r for r in wants if r != "t" and r not in chosen])
+    asked += [lacking] if lacking else unnamed
     run = several and _of_one_run(columns, alike | several, chosen)
     run = run or _of_one_run(columns, several, chosen)
     taken = {i for role, i in advised.items() if role not in several}
@@ -109,6 +118,18 @@ def choose_columns(
     asked += which
     _refuse_missing_roles(name, columns, chosen, several, reading)
     return chosen
+
+
+def _lacking(columns: Sequence[Column], left: Sequence[int], roles: Sequence[str]) -> str:
+    """Return what to do if fewer columns are left than roles are required, "" if there are enough.
+    left: columns that may have one of these roles."""
+    if len(left) >= len(roles):
+        return ""
+    names = ", ".join(describe_column(column) for column in columns[:6])
+    return (
+        f"no heading names the {NAMES[roles[-1]]} (there are {names}), and no column is left for "
+        "it: write drive and displacement to one file, a column each"
+    )
 
 
 def describe_column(column: Column) -> str:
@@ -165,7 +186,13 @@ def _roles(
             heading = columns[i].heading
             if daq_side(heading, units[i]) == "in" and not names_drive(heading):
                 roles[i] = roles[i] if roles[i][0] == "y" else ("y", BY_UNIT)
+    times = [i for i in free if roles[i][0] == "t" and not columns[i].clock]
+    if any(
+        never_falls(columns[i].values) for i in times
+    ):  # "s" of "t, U, s" is no time if it falls
+        roles |= {i: ("", 0) for i in times if not never_falls(columns[i].values)}
     roles |= _roles_of_axes(columns, units)
+    roles |= dict.fromkeys(_velocities(columns, free), ("", 0))
     kinds = {i: kind_of(columns[i].heading, units[i]) for i in free}
     for role in "uy":  # a word without a unit does not win over a column whose unit fits
         if any(roles[i][0] == role and kinds[i] for i in free):
@@ -173,6 +200,14 @@ def _roles(
                 if roles[i] == (role, BY_WORD) and not kinds[i]:
                     roles[i] = role, BY_UNIT
     return roles
+
+
+def _velocities(columns: Sequence[Column], free: Sequence[int]) -> list[int]:
+    """Return the columns that are named only v next to one that is named only x or a: volts, or a
+    velocity."""
+    if not any(column.heading in ("x", "a") for column in columns):
+        return []
+    return [i for i in free if columns[i].heading == "v" and not columns[i].unit]
 
 
 def _roles_of_axes(
@@ -256,6 +291,7 @@ def _without_role(
     if there are any; the only displacement is not to become the drive."""
     units = {i: find_unit_key(columns[i].unit) for i in of}
     may = [i for i in of if not says_neither(columns[i].heading, units[i]) and roles[i][0] != "t"]
+    may = [i for i in may if _moves(columns[i]) and not counts_up(columns[i].values)] or may
     measured = [i for i in may if roles[i][0] == "y"]
     if role == "u" and len(measured) == 1:
         may.remove(measured[0])
@@ -267,32 +303,12 @@ def _may_be_time(column: Column, role: tuple[str, int]) -> bool:
     """Return whether a column rises as times do, and neither its heading nor its unit says what it
     is: the name of an axis does not, as "x" of a curve may be the time."""
     axis = role[1] == BY_UNIT and not kind_of(column.heading, find_unit_key(column.unit))
-    return (not role[0] or axis) and _rises_evenly(column) and not _counts(column)
-
-
-def _rises_evenly(column: Column) -> bool:
-    """Return whether the values rise in nearly even steps, as times and row numbers do."""
-    steps = np.diff(np.asarray(column.values, dtype=np.float64))
-    if steps.size < 2 or not bool(np.all(steps > 0.0)):
-        return False
-    return float(np.ptp(steps)) < EVEN * float(np.mean(steps))
-
-
-def _rises(column: Column) -> bool:
-    """Return whether the values never fall, as times do not."""
-    steps = np.diff(np.asarray(column.values, dtype=np.float64))
-    return bool(np.all(steps >= 0.0)) and 2 * int(np.count_nonzero(steps)) > steps.size
+    return (not role[0] or axis) and rises_evenly(column.values) and not counts_up(column.values)
 
 
 def _moves(column: Column) -> bool:
     values = np.asarray(column.values, dtype=np.float64)
     return np.unique(values[np.isfinite(values)]).size > 1
-
-
-def _counts(column: Column) -> bool:
-    """Return whether the values are row numbers."""
-    values = np.asarray(column.values, dtype=np.float64)
-    return bool(np.all(np.diff(values) == 1.0)) and float(values[0]).is_integer()
 
 
 def _all_the_same(columns: Sequence[Column], which: Sequence[int]) -> bool:
@@ -310,7 +326,9 @@ def _ask_by_number(
 ) -> None:
     """Ask for the required columns by number, because no column has a heading."""
     roles = [r for r in wants if r not in chosen and not (r == "t" and reading.rate_hz)]
-    if roles:
+    if lacking := _lacking(columns, free, [role for role in roles if role != "t"]):
+        asked.append(lacking)
+    elif roles:
         first = ", ".join(
             f"column {columns[i].number}: {columns[i].values[0]:.6g}" for i in free[:6]
         )
@@ -329,9 +347,9 @@ def _advised_without_headings(
     """Return (column to advise for each role, whether none of them holds times): the times rise,
     row numbers are no times, and what stands still or is there twice is only advised where nothing
     else is left for a role. also: roles to advise columns for if there are any left."""
-    steady = [i for i in free if _rises_evenly(columns[i])]
-    rising = [i for i in steady if not _counts(columns[i])]
-    rising += [i for i in free if i not in steady and _rises(columns[i])]
+    steady = [i for i in free if rises_evenly(columns[i].values)]
+    rising = [i for i in steady if not counts_up(columns[i].values)]
+    rising += [i for i in free if i not in steady and never_falls(columns[i].values)]
     times = rising[:1] if "t" in roles else []
     moving = [i for i in free if i not in (*steady, *times) and _moves(columns[i])]
     others = [i for i in moving if not any(_all_the_same(columns, [j, i]) for j in moving if j < i)]

@@ -1,16 +1,50 @@
-"""Times counted in nanoseconds or microseconds since 1970, which are too long for a float."""
+"""Times counted in nanoseconds or microseconds since 1970, which are too long for a float, and
+clocks and counters that start again, and how
+times are told from other columns."""
 
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from dehyst.daemon.files.foreign.stated_step import SAME_STEP
 from dehyst.daemon.files.foreign.units import read_heading
 
 _LONG = re.compile(r"\d{16,19}")
 _THIS_CENTURY = {"ns": (10**18, 41 * 10**17), "us": (10**15, 41 * 10**14)}
 """Numbers that are moments between 2001 and 2099 in these units, and in no other."""
 SHARE_RISING = 0.9
+EVEN = 0.5
+"""Largest spread of the steps of evenly rising values, in mean steps: clocks are rounded."""
+
+
+TURNS_S = (3600.0, 43200.0, 86400.0)
+"""Times at which a clock without a date starts again [s]: Excel's minutes, and those of a day."""
+TURNS = (2.0**16, 2.0**32)
+"""Numbers at which a counter of a microcontroller or a controller starts again."""
+LONGEST_TURN = 3.0
+"""Largest step across such a place, in median steps; with more, something new may begin there."""
+
+
+def continued(values: Any, clock: bool) -> tuple[Any, list[int]]:
+    """Return times (N,) in which a clock or a counter goes on where it started again, and the rows
+    at which it did. What begins at 0 each time may be several recordings, and stays. clock: the
+    values are those of a clock, in seconds."""
+    steps = np.diff(values)
+    back = np.flatnonzero(steps < 0.0)
+    rising = steps[steps > 0.0]
+    if not back.size or not rising.size or not np.all(np.isfinite(values)):
+        return values, []
+    longest = LONGEST_TURN * float(np.median(rising))
+    whole = clock or bool(np.all(values == np.round(values)))
+    for turn in (*(TURNS_S if clock else ()), *(TURNS if whole and not clock else ())):
+        across = steps[back] + turn
+        if np.all((across >= 0.0) & (across <= longest)) and values[0] > longest:
+            ahead = np.zeros(values.size)
+            ahead[back + 1] = turn
+            return values + np.cumsum(ahead), [int(row) + 1 for row in back]
+    return values, []
 
 
 def count_from_first(cell: Any, j: int, first: dict[int, int], may_begin: bool) -> float | None:
@@ -20,6 +54,42 @@ def count_from_first(cell: Any, j: int, first: dict[int, int], may_begin: bool) 
     if not _LONG.fullmatch(text) or not (may_begin or j in first):
         return None
     return float(int(text) - first.setdefault(j, int(text)))
+
+
+def rises_evenly(values: Any) -> bool:
+    """Return whether values (N,) rise in nearly even steps, as times and row numbers do."""
+    steps = np.diff(np.asarray(values, dtype=np.float64))
+    if steps.size < 2 or not bool(np.all(steps > 0.0)):
+        return False
+    return float(np.ptp(steps)) < EVEN * float(np.mean(steps))
+
+
+def never_falls(values: Any) -> bool:
+    """Return whether values (N,) rise at most rows and never fall, as times do."""
+    values = np.asarray(values, dtype=np.float64)
+    steps = np.diff(values[np.isfinite(values)])
+    return bool(np.all(steps >= 0.0)) and 2 * int(np.count_nonzero(steps)) > steps.size
+
+
+def counts_up(values: Any) -> bool:
+    """Return whether values (N,) are row numbers."""
+    values = np.asarray(values, dtype=np.float64)
+    return bool(np.all(np.diff(values) == 1.0)) and float(values[0]).is_integer()
+
+
+def apart_as_times(times: Sequence[Any]) -> str:
+    """Return what to heed where a file holds several columns of times (N,), "" where they are of
+    one clock: drive and displacement of different times do not belong together row by row."""
+    begins = [np.asarray(values, dtype=np.float64) - float(values[0]) for values in times]
+    near = SAME_STEP * float(np.median(np.abs(np.diff(begins[0]))))
+    if all(np.allclose(begins[0], other, rtol=0.0, atol=near) for other in begins[1:]):
+        first = [float(values[0]) for values in times]
+        if len(set(first)) == 1 or abs(first[1] - first[0]) > abs(float(begins[0][-1])):
+            return ""  # one clock from its own beginning, and one since 1970
+    return (
+        " if drive and displacement were both taken at these times; if each has its own, bring "
+        "them to one column of times first"
+    )
 
 
 def is_rising(values: Any) -> bool:

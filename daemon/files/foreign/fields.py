@@ -7,6 +7,7 @@ from datetime import date, datetime, time
 from typing import Any
 
 from dehyst.daemon.files.csv_table import is_missing
+from dehyst.daemon.files.foreign.units import UNITS, find_unit_key
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([ed][+-]?\d+)?", re.IGNORECASE)
 GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
@@ -15,6 +16,10 @@ GROUPED_APART = re.compile(r"[+-]?[1-9]\d{0,2}(['\u2019 \xa0\u2009\u202f]\d{3})+
 """With apostrophes, as in Switzerland, or with spaces, as in France; a field holds a plain space
 only where something else separates the fields."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d*)?)")
+_DURATION = re.compile(r"(\d+(?:[.,]\d*)?) (secs?|m?s|[uµ]s|min|hr)")
+"""As MATLAB writes durations."""
+_MINUTES = re.compile(r"(\d{1,3}):(\d\d[.,]\d+)")
+"""As Excel shows times of fractions of a second; without a fraction it may be hours."""
 _MILLISECONDS = re.compile(r"(:\d\d:\d\d):(\d{3})(?!\d)")
 """Behind a colon, as data loggers of Keysight write them."""
 _HALF_DAY = re.compile(r"(?:(.*)\s)?\s*(1[0-2]|0?[1-9])(:.*\d)\s*([ap])\.?m\.?", re.I)
@@ -62,13 +67,17 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
 
 def moment_of(text: str) -> float | None:
     """Return the seconds of "12:00:01.25", "2024-03-05 12:00:01.25", "05.03.2024 12:00:01.25",
-    "3/5/2024 1:00:01.25 PM", "05-Mar-2024 12:00:01.25" or "0 days 12:00:01.25", with either decimal
-    mark. Of a date with slashes the month comes first, unless it is none."""
+    "3/5/2024 1:00:01.25 PM", "05-Mar-2024 12:00:01.25", "0 days 12:00:01.25", "00:01.25" or "1.25
+    s", with either decimal mark. Of a date with slashes the month comes first, if it may be one."""
+    if duration := _DURATION.fullmatch(text):
+        return float(duration[1].replace(",", ".")) * UNITS[find_unit_key(duration[2])][2]
     if ":" not in text or len(text) > 40:
         return None
     text = _MILLISECONDS.sub(r"\1.\2", text)
     if clock := _CLOCK.fullmatch(text):
         return int(clock[1]) * 3600.0 + int(clock[2]) * 60.0 + float(clock[3].replace(",", "."))
+    if minutes := _MINUTES.fullmatch(text):
+        return int(minutes[1]) * 60.0 + float(minutes[2].replace(",", "."))
     if days := _DAYS.fullmatch(text):
         rest = moment_of(days[2])
         return None if rest is None else int(days[1]) * 86400.0 + rest

@@ -1,6 +1,6 @@
 """Raw content of a foreign file before interpretation. Pure data."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,6 +16,19 @@ class Column:
     unit: str = ""
     clock: bool = False
     number: int = -1
+
+
+@dataclass(frozen=True)
+class Given:
+    """An array of a file: its name with its path; (N,) or (N, M) values, or texts; unit, label:
+    stated for the whole of it; names, units: for each of its columns, or ()."""
+
+    name: str
+    values: Any
+    unit: str = ""
+    label: str = ""
+    names: Sequence[str] = ()
+    units: Sequence[str] = ()
 
 
 @dataclass

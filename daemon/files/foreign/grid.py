@@ -11,7 +11,7 @@ import numpy as np
 
 from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS
 from dehyst.daemon.files.foreign.epochs import count_from_first, epoch_unit, is_rising
-from dehyst.daemon.files.foreign.fields import number_of
+from dehyst.daemon.files.foreign.fields import moment_of, number_of
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.headings import (
     AT_THE_RIGHT,
@@ -32,15 +32,17 @@ from dehyst.daemon.files.foreign.runs import (
     length_of,
     score,
 )
-from dehyst.daemon.files.foreign.stated_step import stated_step
+from dehyst.daemon.files.foreign.stated_step import SAME_STEP, stated_step
 from dehyst.daemon.files.foreign.units import split_heading
 from dehyst.models.errors import BadRecording
 
+TURNED = (
+    "; if each channel has a line of its own, transpose the file, so that each sample has one "
+    "(with numpy: savetxt(FILE, transpose([t, u, y])))"
+)
 LOOKED_AT = 2000
 """Rows at the beginning that are used to find the layout; an instrument's preamble is shorter."""
 MOSTLY_TEXT = 0.9
-SAME_STEP = 0.01
-"""Share by which two periods of one preamble may differ, as they are rounded."""
 
 
 @dataclass
@@ -80,7 +82,7 @@ def lay_out(
     if not gain:
         raise BadRecording(f"{name}: holds no rows of numbers")
     if width > MOST_COLUMNS:
-        raise BadRecording(f"{name}: {width} columns; at most {MOST_COLUMNS} are read")
+        raise BadRecording(f"{name}: {width} columns; at most {MOST_COLUMNS} are read{TURNED}")
     above = [(i, row) for i, row in enumerate(rows[:first]) if length_of(row)]
     kinds = [kinds_of(row, decimal) for row in rows[first:]]
     found = find_names(above, _numbers(rows[first:], kinds, width, decimal), split)
@@ -89,7 +91,9 @@ def lay_out(
     for i, row in left[:200]:
         cells = [str(cell).strip() for cell in row if cell is not None]
         key = cells[0].rstrip(":=").strip()[:60] or f"note{i + 1}"
-        notes.setdefault(key, " ".join(cells[1:])[:200])
+        if key in notes:
+            key = f"{key} (line {i + 1})"
+        notes[key] = " ".join(cells[1:])[:200]
     names, step_s = gcs_header(above, width)
     found.headings[: len(names)] = names
     step_s = step_s or found.step_s
@@ -170,7 +174,8 @@ def fill(
             there = "the headings are" if layout.header else "the other lines have"
             raise BadRecording(
                 f"{name}: {where(place)} has {size} fields, {there} {layout.width}: a field too "
-                f"{'few' if size < layout.width else 'many'}, or lines joined or broken"
+                f"{'few' if size < layout.width else 'many'}, or lines joined or broken; correct "
+                "the line, or delete it where it is none of the recording's"
             )
         for part, j, value in zip(values, kept, numbers, strict=True):
             if value is None and layout.late[j]:  # a column of notes, as far as is known
@@ -178,12 +183,13 @@ def fill(
                 value = math.nan
             if j in first or (value is not None and LARGEST < abs(value) < math.inf):
                 missing = value is not None and math.isnan(value)
-                value = math.nan if missing else count_from_first(row[j], j, first, not part)
+                counted = count_from_first(row[j], j, first, not part)
+                value = math.nan if missing else value if j not in first else counted
             if value is None:
                 raise _no_number(name, layout, j, where(place), row[j])
             part.append(value)
-            if not clocks and not isinstance(row[j], int | float) and ":" in str(row[j]):
-                clock[j] = True
+            if not clocks and not isinstance(row[j], int | float):
+                clock[j] = moment_of(str(row[j]).strip(" \"'")) is not None
         clocks = 1
         places.append(place)
     columns = {}

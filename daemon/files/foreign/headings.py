@@ -19,6 +19,12 @@ _LABELS = {
     "einheiten",
 }  # fmt: skip
 """What programs write in front of a line of names or units."""
+_ANNOUNCED = re.compile(
+    r"(?:columns?|(?:column )?names?|units?|fields?|channels?|headers?|headings?|labels?)\s*[:=]\s*"
+    r"(?=[^\W\d])",
+    re.IGNORECASE,
+)
+"""What announces names or units in a comment: "# columns: t, u, y"."""
 AT_THE_RIGHT = {
     "", "comment", "comments", "note", "notes", "remark", "remarks", "kommentar", "bemerkung",
     "start", "increment", "marker",
@@ -88,8 +94,9 @@ def find_names(
     blanks separate."""
     near: list[tuple[int, list[str]]] = []
     for i, row in _near_or_labelled(rows, numbers):
-        found = _of_blanks(split(i), numbers) if split else _aligned(row, numbers)
-        near.append((i, found))
+        forms = split(i) if split else []
+        cells = _of_blanks(forms, numbers) if forms else _aligned(row, numbers)
+        near.append((i, _without_label(cells)))
     units = next(
         (k for k in reversed(range(len(near))) if _is_line_of_units(k, near, numbers)), None
     )
@@ -101,7 +108,9 @@ def find_names(
 
     over = [k for k in named if k != units]
     if units is None or not over:
-        units, best = None, max(named, key=lambda k: (labelled(k), k), default=None)
+        roles = {k: {role_of(cell, "")[0] for cell in near[k][1]} - {""} for k in named}
+        of = {k: "t" in roles[k] and len(roles[k]) > 1 for k in named}
+        units, best = None, max(named, key=lambda k: (labelled(k), of[k], k), default=None)
     else:
         at = units
         best = max(over, key=lambda k: (labelled(k), _known(near[k][1]), k < at, -abs(k - at)))
@@ -121,6 +130,16 @@ def find_names(
         step_s,
         start_s,
     )
+
+
+def _without_label(cells: list[str]) -> list[str]:
+    """Return the fields of a line without the label that each repeats ("Unit: mV", "Unit: nm"), or
+    that announces them ("columns: t", "u")."""
+    labels = {cell.partition(": ")[0] if ": " in cell else "" for cell in cells if cell}
+    label = labels.pop() if len(labels) == 1 else ""
+    if label:
+        return [cell.removeprefix(f"{label}: ") for cell in cells]
+    return [_ANNOUNCED.sub("", cell) for cell in cells[:1]] + cells[1:]
 
 
 def _near_or_labelled(rows: Sequence[tuple[int, Row]], numbers: Numbers) -> list[tuple[int, Row]]:
@@ -154,7 +173,7 @@ def _aligned(row: Row, numbers: Numbers) -> list[str]:
         return []
     if cells[0].lower() in _LABELS and (numbers.first_empty or len(cells) - 1 in sizes):
         return ["", *cells[1:]] if numbers.first_empty else cells[1:]
-    if numbers.first_empty and _are_units(cells[1:]) and not find_unit_key(cells[0]):
+    if numbers.first_empty and cells[0] and _are_units(cells[1:]) and not find_unit_key(cells[0]):
         return []  # Yokogawa: "HUnit", "s", "s"
     if not cells[0] and _is_marked(row) and len(cells) not in sizes:
         cells = cells[1:]
@@ -179,7 +198,7 @@ def _of_blanks(forms: Sequence[Sequence[str]], numbers: Numbers) -> list[str]:
 def ways_to_split(line: str) -> list[list[str]]:
     """Return the ways to read a line of names that are separated by blanks and may hold blanks: at
     two or more, after a closing bracket, at commas, or at each that is not before a bracket."""
-    line = re.sub(r"^\s*(#|%|//|!)+\s*", "", line).strip()
+    line = _ANNOUNCED.sub("", re.sub(r"^\s*(#|%|//|!)+\s*", "", line)).strip()
     if '"' in line:
         return [next(csv.reader([line], delimiter=" ", skipinitialspace=True), [])]
     forms = [re.split(form, line) for form in (r"\s{2,}", r"(?<=[\])])\s+", r"\s*[,;]\s*")]

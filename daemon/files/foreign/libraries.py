@@ -1,16 +1,18 @@
 """Read each kind of file with the library made for it. Runs in a separate process
 (dehyst.daemon.files.foreign.apart); each library is imported where it is used."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dehyst.daemon.files.csv_table import MOST_BYTES
-from dehyst.daemon.files.foreign.arrays import flattened, found_in
-from dehyst.daemon.files.foreign.found import Column, Sheet, text_of
+from dehyst.daemon.files.foreign.arrays import MOST_DEEP, MOST_WIDE, flattened, found_in
+from dehyst.daemon.files.foreign.beside import names_beside, period_in
+from dehyst.daemon.files.foreign.found import Column, Given, Sheet, text_of
 from dehyst.daemon.files.foreign.grid import LOOKED_AT, fill, lay_out
+from dehyst.daemon.files.foreign.text import understand_text
 from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
 from dehyst.models.errors import BadRecording
 
@@ -19,64 +21,139 @@ MOST_ROWS = 4_000_000
 
 def read_mat(path: Path) -> Sheet:
     """Read a MATLAB file: up to version 7 with scipy, version 7.3 with h5py."""
-    from scipy.io import loadmat
+    from scipy.io import loadmat, matlab
 
     with path.open("rb") as file:
         head = file.read(1024)
     if head.startswith(b"\x89HDF") or b"MATLAB 7.3" in head:
         return read_hdf5(path)
     read = loadmat(path, simplify_cells=True)
-    flat = flattened({k: v for k, v in read.items() if k[:2] != "__"})
-    return found_in(((name, "", value) for name, value in flat), {})
+    objects: dict[str, str] = {}
+    plain: list[Given] = []
+    for name, value in flattened({k: v for k, v in read.items() if k[:2] != "__"}):
+        if isinstance(value, matlab.MatlabOpaque | matlab.MatlabObject):
+            objects[name] = str(getattr(value, "classname", "") or "object")
+        else:
+            plain.append(Given(name, value))
+    return _without_objects(found_in(plain, {}), objects)
+
+
+def _without_objects(found: Sheet, objects: Mapping[str, str]) -> Sheet:
+    """Say which objects of MATLAB were left out, by name and class: their numbers are stored in a
+    form that only MATLAB knows."""
+    if objects:
+        names = ", ".join(f"{name} ({kind})" for name, kind in list(objects.items())[:5])
+        found.said.append(
+            f"objects that only MATLAB reads are left out: {names}; save their numbers as arrays "
+            "or structures, such as u = u.Data of a timeseries"
+        )
+    return found
 
 
 def read_hdf5(path: Path) -> Sheet:
-    """Read an HDF5 file, including MATLAB's."""
+    """Read an HDF5 file, including MATLAB's, whose cells and arrays of structures are lists of
+    references."""
     import h5py
 
     notes: dict[str, str] = {}
-    arrays: list[tuple[str, str, Any]] = []
+    arrays: list[Given] = []
+    objects: dict[str, str] = {}
+    stated: list[tuple[str, object]] = []
     size = 0
 
     def visit(given: str | bytes, item: Any) -> None:
+        if "#refs#" not in (name := text_of(given)) and "#subsystem#" not in name:
+            take(name, item, 0)
+
+    def take(name: str, item: Any, deep: int) -> None:
         nonlocal size
-        name = text_of(given)
-        if not isinstance(item, h5py.Dataset) or "#refs#" in name or "#subsystem#" in name:
+        kind = text_of(item.attrs.get("MATLAB_class", b""))
+        if "MATLAB_object_decode" in item.attrs and kind not in ("", "function_handle"):
+            objects[name] = kind
             return
-        kind = item.attrs.get("MATLAB_class", b"")
+        if not isinstance(item, h5py.Dataset):
+            if deep:
+                item.visititems(lambda inner, one: take(f"{name}/{text_of(inner)}", one, deep))
+            return
         if item.shape is None:  # a dataset without a value
             return
-        if item.attrs.get("MATLAB_empty", 0) or kind in (b"cell", b"function_handle"):
+        if item.attrs.get("MATLAB_empty", 0) or kind == "function_handle":
             return
+        stated.extend((text_of(key), _single(value)) for key, value in item.attrs.items())
         size += item.size * max(item.dtype.itemsize, 1)
         if size > MOST_BYTES:
             raise BadRecording(f"holds more than {MOST_BYTES >> 20} MB; cut it into several files")
-        if kind == b"char":
-            letters = np.asarray(item[()]).reshape(-1)[:200].astype("<u2")
-            notes[name] = letters.tobytes().decode("utf-16-le", "replace")
-        elif h5py.check_string_dtype(item.dtype):
-            if item.size == 1:
-                notes[name] = text_of(np.asarray(item[()]).reshape(-1)[0])[:200]
-        elif item.dtype.kind in "biuf" or item.dtype.names:
-            unit, values = _as_scaled(item.attrs, item[()])
-            arrays.append((name, unit, values))
+        if h5py.check_ref_dtype(item.dtype) is h5py.Reference:
+            if item.size <= MOST_WIDE and deep < MOST_DEEP:
+                follow(name, kind, [item.file[ref] for ref in item[()].reshape(-1) if ref], deep)
+        elif kind == "char":
+            notes[name] = characters(item)
+        elif h5py.check_string_dtype(item.dtype) or item.dtype.kind in "biufS" or item.dtype.names:
+            arrays.append(_given(name, item))
+
+    def characters(item: Any) -> str:
+        letters = np.asarray(item[()]).T.reshape(-1)[:200].astype("<u2")
+        return letters.tobytes().decode("utf-16-le", "replace")
+
+    def follow(name: str, kind: str, items: Sequence[Any], deep: int) -> None:
+        """Take what the references of a cell, or of one field of an array of structures, are to."""
+        kinds = {text_of(item.attrs.get("MATLAB_class", b"")) for item in items}
+        if kinds == {"char"} and kind == "cell":
+            arrays.append(Given(name, np.array([characters(item) for item in items])))
+            return
+        group, _, last = name.rpartition("/")
+        values = [item[()] for item in items if isinstance(item, h5py.Dataset)]
+        if kind == "cell" and len(values) == len(items) > 1 and kinds <= {"double", "single"}:
+            whole = list(flattened(values, name))  # columns side by side keep one name
+            if len(whole) == 1:
+                arrays.append(Given(*whole[0]))
+                return
+        for i, item in enumerate(items):
+            inside = f"{name}/{i}" if kind == "cell" else f"{group}/{i}/{last}".lstrip("/")
+            take(inside if len(items) > 1 else name, item, deep + 1)
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
         for key, value in file.attrs.items():
             if isinstance(value, str | int | float | np.number):
                 notes[str(key)] = str(value)[:200]
-    return found_in(arrays, notes)
+    found = _without_objects(found_in(arrays, notes), objects)
+    found.step_s = found.step_s or period_in(stated)
+    return found
+
+
+def _single(value: Any) -> Any:
+    """Return the only value of a list of one, as some libraries write an attribute."""
+    one = isinstance(value, np.ndarray) and value.size == 1
+    return value.reshape(-1)[0] if one else value
+
+
+def _given(name: str, item: Any) -> Given:
+    """Return a dataset with the names and units in its attributes."""
+    if item.dtype.kind not in "iuf":
+        return Given(name, item[()])
+    unit, values = _as_scaled(item.attrs, item[()])
+    label = _text_in(item.attrs, "long_name", "label", "name")
+    width = sorted(item.shape)[-2] if item.ndim == 2 else 0
+    lists = {
+        text_of(key): [text_of(text) for text in value.reshape(-1).tolist()]
+        for key, value in item.attrs.items()
+        if width and isinstance(value, np.ndarray) and value.dtype.kind in "OSU"
+    }
+    names, units = names_beside("", width, lists)
+    return Given(name, values, "" if units else unit, label, names, units)
+
+
+def _text_in(attributes: Any, *names: str) -> str:
+    """Return the first of these attributes that is there as a text, "" if none is."""
+    for name in names:
+        if (value := _single(attributes.get(name))) is not None:
+            return text_of(value if isinstance(value, bytes) else str(value))[:60]
+    return ""
 
 
 def _unit_in(attributes: Any) -> str:
-    for key in ("unit", "units", "Unit", "Units", "unit_string", "UNIT"):
-        value = attributes.get(key)
-        if isinstance(value, np.ndarray) and value.size == 1:  # a list of one text
-            value = value.reshape(-1)[0]
-        if value is not None:
-            return text_of(value if isinstance(value, bytes) else str(value))[:40]
-    return ""
+    return _text_in(attributes, "unit", "units", "Unit", "Units", "unit_string", "UNIT")[:40]
 
 
 def _number_in(attributes: Any, *names: str) -> float | None:
@@ -129,6 +206,9 @@ def read_xlsx(path: Path) -> Sheet:
             continue
         begins = next(i for i, row in enumerate(rows) if row is looked[0])
         try:
+            if all(sum(cell is not None for cell in row) == 1 for row in looked):
+                sheets.append((sheet.title, understand_text(sheet.title, _lines_in(rows))))
+                continue
             layout = lay_out(sheet.title, looked, ".")
         except BadRecording:
             formulas = True
@@ -168,6 +248,11 @@ def read_xlsx(path: Path) -> Sheet:
     return found
 
 
+def _lines_in(rows: Sequence[Sequence[Any]]) -> str:
+    """Return a text that was opened with the wrong separator: each line is in one cell."""
+    return "\n".join(next((str(cell) for cell in row if cell is not None), "") for row in rows)
+
+
 def read_tdms(path: Path) -> Sheet:
     """Read a LabVIEW TDMS file; headings are `Group/Channel` if there are several groups."""
     from nptdms import TdmsFile
@@ -179,7 +264,7 @@ def read_tdms(path: Path) -> Sheet:
         groups = file.groups()
         notes |= {str(k): str(v)[:200] for k, v in file.properties.items() if str(v)}
 
-        def channels() -> Iterator[tuple[str, str, Any]]:
+        def channels() -> Iterator[Given]:
             size = 0
             for group in groups:
                 for channel in group.channels():
@@ -194,11 +279,13 @@ def read_tdms(path: Path) -> Sheet:
                         steps.add(factor * float(step))
                         start = float(channel.properties.get("wf_start_offset", 0.0))
                         starts.add(factor * start)
-                    yield name, _unit_in(channel.properties), channel[:]
+                    yield Given(name, channel[:], _unit_in(channel.properties))
 
         found = found_in(channels(), notes)
     if len(steps) == 1 and len(starts) == 1:
         found.step_s, found.start_s = steps.pop(), starts.pop()
+    elif steps:  # different ones, whatever else the file states
+        found.step_s = 0.0
     return found
 
 
@@ -212,18 +299,87 @@ def read_parquet(path: Path) -> Sheet:
     table = file.read()
     while any(pyarrow.types.is_struct(field.type) for field in table.schema):
         table = table.flatten()
-    plain = (
-        (name, "", column.to_numpy())
-        for name, column in zip(table.column_names, table.columns, strict=True)
-    )
-    return found_in(plain, {})
+    return found_in(_columns_of(table), {})
+
+
+def read_feather(path: Path) -> Sheet:
+    """Read a Feather file."""
+    import pyarrow.feather
+
+    return found_in(_columns_of(pyarrow.feather.read_table(path)), {})
+
+
+def read_netcdf(path: Path) -> Sheet:
+    """Read a netCDF file: version 4 is HDF5, scipy reads version 3."""
+    from scipy.io import netcdf_file
+
+    with path.open("rb") as file:
+        if file.read(4) == b"\x89HDF":
+            return read_hdf5(path)
+    with netcdf_file(path, mmap=False) as read:
+        return found_in(
+            (
+                Given(name, values, unit)
+                for name, variable in read.variables.items()
+                for unit, values in [_as_scaled(vars(variable), variable[:])]
+            ),
+            {},
+        )
+
+
+def read_json(path: Path) -> Sheet:
+    """Read a JSON file: columns by name, or a list of rows."""
+    import json
+
+    return _of_json(json.loads(path.read_text("utf-8-sig")))
+
+
+def read_json_lines(path: Path) -> Sheet:
+    """Read a file with one JSON value in each line."""
+    import json
+
+    lines = path.read_text("utf-8-sig").splitlines()
+    return _of_json([json.loads(line) for line in lines if line.strip()])
+
+
+def _of_json(value: Any) -> Sheet:
+    return found_in((Given(*one) for one in flattened(_by_columns(value))), {})
+
+
+def _by_columns(value: Any) -> Any:
+    """Return nested values with columns in place of lists of rows: [{"t": 0, "u": 1}, ...] and
+    pandas' {"t": {"0": 0.0, "1": 0.1}} are {"t": [...], "u": [...]}."""
+    if isinstance(value, dict):
+        keys = list(value)
+        if len(keys) > 1 and keys == [str(i) for i in range(len(keys))]:
+            return _by_columns(list(value.values()))
+        return {key: _by_columns(inner) for key, inner in value.items()}
+    if isinstance(value, list) and len(value) > 1 and all(isinstance(row, dict) for row in value):
+        names = dict.fromkeys(key for row in value for key in row)
+        if all(not isinstance(row.get(key), dict | list) for row in value for key in names):
+            return {name: [row.get(name) for row in value] for name in names}
+    return value
+
+
+def _columns_of(table: Any) -> Iterator[Given]:
+    """Yield the columns of a table of Arrow, with the units in the metadata of its fields."""
+    for field, column in zip(table.schema, table.columns, strict=True):
+        beside = {text_of(k): text_of(v) for k, v in (field.metadata or {}).items()}
+        for name, values in flattened(column.to_numpy(), field.name):
+            yield Given(name, values, _unit_in(beside))
 
 
 READERS: dict[str, Callable[[Path], Sheet]] = {
     ".mat": read_mat,
     ".h5": read_hdf5,
     ".hdf5": read_hdf5,
+    ".hdf": read_hdf5,
+    ".nc": read_netcdf,
     ".xlsx": read_xlsx,
+    ".xlsm": read_xlsx,
     ".tdms": read_tdms,
     ".parquet": read_parquet,
+    ".feather": read_feather,
+    ".json": read_json,
+    ".jsonl": read_json_lines,
 }

@@ -9,15 +9,17 @@ from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
 
 _UNIT_BEHIND = r"(?:(?:\s*[\[(/]|\s)\s*([^\])]*?)\s*[\])]?)?"
 _STEP = re.compile(
-    r"(?:sample interval|sampling interval|sampling period|x ?increment|delta x|increment|dt"
-    r"|abtastintervall)" + _UNIT_BEHIND,
+    r"(?:sampl(?:e|ing) ?(?:interval|period|time)|time ?step|x ?increment|delta [xt]|increment|dt"
+    r"|ts|abtastintervall|abtastzeit)" + _UNIT_BEHIND,
     re.IGNORECASE,
 )
 _RATE = re.compile(
-    r"(?:sample ?rate|sampling rate|sampling frequency|samples/s|fs|abtastrate|abtastfrequenz)"
-    + _UNIT_BEHIND,
+    r"(?:(?:sampl(?:e|ing)|scan|acquisition|data) ?(?:rate|freq(?:uency)?)|samples/s|fs"
+    r"|abtastrate|abtastfrequenz)" + _UNIT_BEHIND,
     re.IGNORECASE,
 )
+SAME_STEP = 0.01
+"""Share by which two periods that one file states may differ, as they are rounded."""
 SURELY_SECONDS = 0.02
 """A period without a unit that is shorter than this [s] is one in seconds: as milliseconds it would
 be more than 50 kHz, which no recording of a stage needs."""
@@ -27,10 +29,19 @@ _RATE_UNIT = re.compile(r"([kMG]?)(?:Hz|Sa?/s|Samples?/s|Hertz|1/s)", re.IGNOREC
 
 
 def stated_step(cells: Sequence[str], decimal: str) -> float:
-    """Return the sampling period [s] that a line of the preamble states, 0 if it states none, in
-    a unit that is not known or may not be that of time ("Increment,0.5", which may be volts), or in
-    a number that the separator may have cut ("1,000 Hz")."""
-    name = cells[0].rstrip(":=").strip().replace("_", " ") if len(cells) > 1 else ""
+    """Return the sampling period [s] that a line of the preamble states, as fields or as one text
+    ("fs = 1 kHz"), 0 if it states none, in a unit that is not known or may not be that of time
+    ("Increment,0.5", which may be volts), or in a number that the separator may have cut ("1,000
+    Hz")."""
+    line = " ".join(cells)
+    name, mark, value = line.partition("=" if "=" in line else ":")
+    return _step_of(cells, decimal) or (_step_of([name, value.strip()], decimal) if mark else 0.0)
+
+
+def _step_of(cells: Sequence[str], decimal: str) -> float:
+    name = cells[0].rstrip(":=").strip() if len(cells) > 1 else ""
+    first, blank, unit = name.replace("_", " ").partition(" ")  # "sampleRate [kS/s]"
+    name = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", " ", first) + blank + unit
     step, rate = _STEP.fullmatch(name), _RATE.fullmatch(name)
     named, stated = step or rate, _STATED.fullmatch(cells[1]) if name else None
     if named is None or stated is None or _may_be_cut(cells[1:], decimal):

@@ -19,10 +19,12 @@ from dehyst.daemon.files.csv_table import (
     TRUSTED_BYTES,
     is_missing,
 )
+from dehyst.daemon.files.foreign.affixes import bare_numbers
 from dehyst.daemon.files.foreign.fields import GROUPED_APART
 from dehyst.daemon.files.foreign.found import Sheet
 from dehyst.daemon.files.foreign.grid import (
     LOOKED_AT,
+    TURNED,
     GridLayout,
     fill,
     lay_out,
@@ -31,11 +33,20 @@ from dehyst.daemon.files.foreign.grid import (
 )
 from dehyst.daemon.files.foreign.headings import ways_to_split
 from dehyst.daemon.files.foreign.lvm import is_lvm, read_lvm
+from dehyst.daemon.files.foreign.roles import role_of
 from dehyst.daemon.files.foreign.runs import NUMBER, find_decimal, kinds_of, score
 from dehyst.models.errors import BadRecording
 
 MOST_TEXT = 256 << 20
-SEPARATORS = (("\t", "tabs"), (";", "semicolons"), (",", "commas"), ("", "blanks"))
+HEAD, MOST_BROKEN = 100, 12
+"""Lines in which headings are looked for that quotes break into several, and the most of them."""
+SEPARATORS = (
+    ("\t", "tabs"),
+    (";", "semicolons"),
+    (",", "commas"),
+    ("", "blanks"),
+    ("|", "bars"),
+)
 MARKS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 
 
@@ -96,13 +107,15 @@ def understand_text(
     """Return the columns of a text in memory. above: lines of the file above it; separator,
     decimal: as the file states them."""
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    _join_quoted(lines)
+    cut = above + len(lines) if lines[-1].strip() else 0  # without an end, so possibly not whole
     if is_lvm(lines):
         return read_lvm(name, lines, partial(understand_text, name))
     places = [i for i, line in enumerate(lines[: 3 * LOOKED_AT]) if line.strip()][:LOOKED_AT]
     if not places:
         raise BadRecording(f"{name}: the file is empty")
     if max(len(lines[i]) for i in places) > LONGEST_LINE:
-        raise BadRecording(f"{name}: a line is too long for a recording")
+        raise BadRecording(f"{name}: a line is too long for a recording{TURNED}")
     if max(len(lines[i]) for i in places) > 8192:
         places = places[:50]
     sample = [lines[i] for i in places]
@@ -120,6 +133,8 @@ def understand_text(
             best, best_rows = (gain, one, word), rows
     gain, separator, word = best
     if not gain:
+        if (bare := bare_numbers(lines, places)) is not None:
+            return understand_text(name, "\n".join(bare), above - 2)
         raise BadRecording(
             f"{name}: holds no rows of numbers separated by commas, semicolons, tabs or blanks"
         )
@@ -130,11 +145,14 @@ def understand_text(
     unclear = ""
     if decimal not in (".", ",") or not score(rows, decimal)[0]:
         decimal, unclear = find_decimal(rows + later, habit="," if separator == ";" else "")
-    names = None if separator else (lambda i: ways_to_split(sample[i]))
+    names = partial(_ways_to_name, sample, separator)
     layout = lay_out(name, rows, decimal, names)
     layout.unclear = unclear
     layout.form = [f"separated by {word}"] if separator != "," else []
     _refuse_two_commas(name, layout, rows, separator)
+    cut = cut if len(lines) > 1 and _is_short(split(lines[-1]), split(lines[-2]), decimal) else 0
+    if cut:
+        lines.pop()
     first = places[layout.first]
     found = _quickly(lines, first, layout, separator, decimal, split, above)
     if found is None:
@@ -147,7 +165,37 @@ def understand_text(
                 f"{lines_of} of numbers after a comment mark left out, the first in line "
                 f"{above + marked[0] + 1}"
             )
+    if cut:
+        found.said.append(f"line {cut}, the last, is cut short and left out")
     return found
+
+
+def _join_quoted(lines: list[str]) -> None:
+    """Join lines of the head that a quoted heading breaks; empty lines take their places."""
+    for i in range(min(len(lines), HEAD)):
+        for j in range(i + 1, min(len(lines), i + MOST_BROKEN)):
+            if lines[i].count('"') % 2 == 0:
+                break
+            if sum(line.count('"') for line in lines[i : i + MOST_BROKEN]) % 2:
+                return  # a quote that nothing closes
+            lines[i], lines[j] = f"{lines[i]} {lines[j]}", ""
+
+
+def _is_short(last: Sequence[str], before: Sequence[str], decimal: str) -> bool:
+    """Return whether a last line has fewer fields than the one before it, and begins as a row."""
+    return len(last) < len(before) and kinds_of(last, decimal)[:1] == [NUMBER]
+
+
+def _ways_to_name(sample: Sequence[str], separator: str, i: int) -> list[list[str]]:
+    """Return the ways to read a line of names: where something else than blanks separates the
+    numbers, only of a line with another separator between names or units."""
+    line = sample[i]
+    if not separator:
+        return ways_to_split(line)
+    if separator in line:
+        return []
+    forms = [re.split(form, line.strip()) for form in (r"\s*;\s*", r"\s*,\s*", r"\t|\s{2,}")]
+    return [form for form in forms if sum(bool(role_of(cell, "")[0]) for cell in form) > 1]
 
 
 def _only_groups(rows: Sequence[Sequence[str]]) -> bool:
@@ -164,6 +212,8 @@ def splitter(separator: str) -> Callable[[str], list[str]]:
         return re.compile(r"[^ \t\f\v]+").findall  # a no-break space may be in a number
 
     def split(line: str) -> list[str]:
+        if separator == "|":  # as in a table of Markdown, whose lines begin and end with one
+            line = line.strip().removeprefix("|").removesuffix("|")
         if '"' in line:
             try:
                 return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
@@ -187,6 +237,8 @@ def _without_notes(
     the places of notes that are rows of numbers behind a mark."""
     for i in range(first, len(lines)):
         row = split(lines[i])
+        if len(row) > layout.width and " #" in lines[i].strip():  # a remark behind the numbers
+            row = split(lines[i].partition(" #")[0])
         if lines[i].lstrip()[:1] in ("#", "%", "!") and not is_missing(row[0].strip()):
             refuse_other_headings(name, layout, row, f"line {above + i + 1}")
             cells = split(lines[i].lstrip("#%! \t"))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dehyst.daemon.files.foreign.choose import choose_columns, describe_column, path_of
+from dehyst.daemon.files.foreign.epochs import continued
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import (
@@ -24,6 +25,7 @@ from dehyst.daemon.files.foreign.stated_step import SURELY_SECONDS
 from dehyst.daemon.files.foreign.units import (
     DRIVE_UNITS,
     LENGTH,
+    NO_UNIT,
     TIME,
     UNITS,
     VOLTAGE,
@@ -44,10 +46,12 @@ LEAST_STEP_S = 2e-7
 """Times without a unit that step by less than this are days rather than seconds."""
 ROLE_NAMES = r"(t|u|y|target)(_.*)?"
 _OTHER_VOLTS = re.compile(r"(?<![^\W\d])[mk]V(?!\w)")
+MOST_VOLTS = 2000.0
+"""A drive without a unit that goes beyond this is more likely one in millivolts or counts [V]:
+amplifiers for stages end at 1000 or 1500 V."""
 LONGEST_PAUSE_S = 10 * 86400.0
 """A clock that jumps by more [s] has its days and months exchanged, or belongs to two
 recordings."""
-NO_UNIT = {"", "-", "--", "none", "n/a", "na"}
 
 
 @dataclass
@@ -169,10 +173,9 @@ def _take_time(
         known = np.diff(values[np.isfinite(values)])
         step = float(np.median(known[known > 0.0])) if np.any(known > 0.0) else 0.0
         if not 0.0 < step < SURELY_SECONDS:
-            rows_too = ", or --rate HZ if it counts the rows" if step == 1.0 else ""
             asked.append(
-                f"{label} steps by {step:.4g}, and gives no unit: add --time-unit s, ms or us"
-                + rows_too
+                f"{label} steps by {step:.4g}, and gives no unit: add --time-unit s, ms or us, or "
+                "--rate HZ if it counts the rows or the ticks of a clock"
             )
             return
         first = float(values[np.isfinite(values)][0])
@@ -185,6 +188,12 @@ def _take_time(
             )
             return
         unit, label = "s", f"{label}, taken as seconds"
+    values, again = continued(values, column.clock)
+    if again:
+        found.said.append(
+            f"{label} starts again at {found.where(again[0])}, as a clock or a counter does, and "
+            "is continued there"
+        )
     jumps = np.abs(np.diff(values[np.isfinite(values)]))
     if column.clock and np.any(jumps > LONGEST_PAUSE_S):
         row = int(np.argmax(jumps)) + 1
@@ -248,6 +257,13 @@ def _take(
             asked.append(
                 f"the unit of {label} is not given, and the file names another than volts "
                 f"({elsewhere}): add --drive-unit v, mv or kv"
+            )
+            return
+        highest = float(np.max(np.abs(column.values), initial=0.0, where=~np.isnan(column.values)))
+        if highest > MOST_VOLTS:
+            asked.append(
+                f"{label} gives no unit, and reaches {highest:.6g}: add --drive-unit v, mv, kv or "
+                "counts"
             )
             return
         unit, label = "v", f"{label}, taken as volts"

@@ -49,10 +49,12 @@ UNITS: dict[str, tuple[str, str, float]] = {
 TIME_UNITS = ("s", "ms", "us", "ns", "min", "h")
 DRIVE_UNITS = ("v", "mv", "kv", "um", "nm", "pm", "mm", "m", "counts", "mrad", "urad")
 DISPLACEMENT_UNITS = (*DRIVE_UNITS, "angstrom", "rad", "deg")
+NO_UNIT = {"", "-", "--", "none", "n/a", "na"}
 SPELLED = {
     **dict.fromkeys(("sec", "secs", "second", "seconds", "sekunde", "sekunden", "sek"), "s"),
     **dict.fromkeys(("msec", "millisecond", "milliseconds", "millisekunden"), "ms"),
     **dict.fromkeys(("usec", "microsecond", "microseconds", "mikrosekunden"), "us"),
+    **dict.fromkeys(("nsec", "nanosecond", "nanoseconds", "nanosekunden"), "ns"),
     **dict.fromkeys(("minute", "minutes", "minuten"), "min"),
     **dict.fromkeys(("hour", "hours", "hr", "stunden"), "h"),
     **dict.fromkeys(("day", "days", "tag", "tage"), "d"),
@@ -86,15 +88,22 @@ throughout has them all the same, except for MV: megavolts are written so, too."
 
 
 def find_unit_key(text: str) -> str:
-    """Return the unit's key in UNITS for "µm", "Volt", "[ms]" and so on; "" if it is not a unit."""
-    given = text.strip().strip("[](){}<>").strip()
-    plain = given.lower().replace("µ", "u").replace("μ", "u")
+    """Return the unit's key in UNITS for "µm", "Volt", "[ms]", "s since 2024-03-05" and so on; ""
+    if it is not a unit."""
+    given = text.strip().strip("[](){}<>").partition(" since ")[0].strip()
+    for micro in _MICRO:
+        given = given.replace(micro, "u")
+    plain = given.lower()
     if plain in CASE_DECIDES and given[0].isupper() and (plain == "mv" or not given.isupper()):
         return ""
     plain = SPELLED.get(plain, plain)
     return plain if plain in UNITS else ""
 
 
+_MICRO = ("$\\mu$", "\\mu ", "\\mu{}", "\\mu", "Âµ", "µ", "μ")
+"""The sign for micro, in LaTeX, and as it looks if UTF-8 was read as Latin-1."""
+_WIDE = str.maketrans("（）［］", "()[]")
+"""Brackets as they are written in China and Japan."""
 _BRACKETS = re.compile(r"[\[({<]([^\[\](){}<>]*)(?:[\])}>]|$)")
 _FACTOR = re.compile(r"[x×*·/÷^]\s*\d|\d\s*[x×*·/÷^]|\de[+-]?\d|[.,]\d", re.IGNORECASE)
 _BEHIND_A_MARK = re.compile(r"(.*?\S)(\s*(?:/|,|;|:|\bin\b)\s*)(\S+)\s*")
@@ -132,10 +141,11 @@ class Heading:
 def read_heading(text: str) -> Heading:
     """Find the unit in a heading: "Time (s)", "U / V", "t_ms", "Displacement [um]". A number that
     makes a repeated heading unique ("Voltage (mV).2") is not part of it."""
-    text = text.strip().strip("\"'").strip()
+    text = text.translate(_WIDE).strip().strip("\"'").strip()
     if len(text) > LONGEST_HEADING:  # matching time grows with the square of the length
         return Heading(text)
     plain = _REPEATED.sub("", text)
+    plain = plain.rstrip("_.") or plain  # MATLAB and R write "U_mV_" and "U..mV." for "U (mV)"
     if unit := find_unit_key(plain):
         return Heading("", unit) if len(plain) > 1 or unit in ("v", "s") else Heading(text)
     if _BRACKETS.search(plain):

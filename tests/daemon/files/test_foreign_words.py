@@ -48,7 +48,7 @@ def test_words_of_instruments_for_no_value(tmp_path: Path, word: str) -> None:
     assert "10 displacement values missing" in found.defects()
 
 
-@pytest.mark.parametrize("word", ["9.91E+36", "19.9E+37", "OVERALL", "L"])
+@pytest.mark.parametrize("word", ["OVERALL", "L"])
 def test_other_words_are_not_passed_over(tmp_path: Path, word: str) -> None:
     line = BODY[100].rpartition(",")[0] + "," + word
     with pytest.raises(BadRecording):
@@ -244,8 +244,8 @@ def test_the_suffix_of_another_kind_is_said(tmp_path: Path) -> None:
         "a.mat": (text, "not a MATLAB file but text: rename it to .txt"),
         "b.npy": (text, "not an .npy file but text: rename it to .txt"),
         "b.csv": ((tmp_path / "a.npy").read_bytes(), "begins as a .npy file does: rename it"),
-        "c.txt": (b"PK\x03\x04" + bytes(40), "begins as a .xlsx file does: rename it"),
-        "a.asc": (text, "rename a text file to .txt"),
+        "c.txt": (b"PK\x03\x04" + bytes(40), "begins as a .zip file does: rename it"),
+        "a.xyz": (text, "rename it to .txt"),
     }
     for name, (data, what) in others.items():
         (tmp_path / name).write_bytes(data)

@@ -312,7 +312,7 @@ CHANGES += room(
     ),
     Change(
         "attribute-in-a-list", f"{FOREIGN}/libraries.py",
-        "if isinstance(value, np.ndarray) and value.size == 1:", "if False:",
+        "one = isinstance(value, np.ndarray) and value.size == 1", "one = False",
         "a unit that an HDF5 file holds as a list of one text is not recognised",
     ),
     Change(
@@ -549,7 +549,7 @@ CHANGES += room(
     ),
     Change(
         "unit-beside-lost", f"{FOREIGN}/arrays.py",
-        "column.unit = column.unit or _unit_beside(column.heading, kept)", "pass",
+        "column.unit = column.unit or unit_beside(column.heading, kept)", "pass",
         "millivolts that a structure states beside its numbers are not those of the column",
     ),
     Change(
@@ -601,12 +601,12 @@ CHANGES += room(
         "the column of times is advised as the drive",
     ),
     Change(
-        "axis-never-rises", CHOOSE, "return (not role[0] or axis) and _rises_evenly(",
-        "return not role[0] and _rises_evenly(", "a time with the name x is advised as the drive",
+        "axis-never-rises", CHOOSE, "return (not role[0] or axis) and rises_evenly(",
+        "return not role[0] and rises_evenly(", "a time with the name x is advised as the drive",
     ),
     Change(
         "row-numbers-advised-as-times", CHOOSE,
-        "rising = [i for i in steady if not _counts(columns[i])]", "rising = list(steady)",
+        "rising = [i for i in steady if not counts_up(columns[i].values)]", "rising = list(steady)",
         "row numbers are advised as the times",
     ),
     Change(
@@ -700,6 +700,189 @@ CHANGES += room(
     Change(
         "suffix-unsaid", ALSO, "if right and kind in TEXTS:", "if False:",
         "a spreadsheet that is named .csv is refused as damaged text",
+    ),
+)  # fmt: skip
+NAMED, ODD = (f"tests/daemon/files/test_{name}.py" for name in ("named_beside", "odd_habits"))
+BESIDE_ARRAYS, EPOCHS, STATED = (
+    f"{FOREIGN}/{name}.py" for name in ("beside", "epochs", "stated_step")
+)
+CHANGES += room(
+    (NAMED,),
+    Change(
+        "any-list-names-the-columns", BESIDE_ARRAYS,
+        "return best[0] if best and all(texts == best[0] for texts in best) else ()",
+        "return best[0] if best else ()",
+        "of two lists of names one is taken, though neither belongs to the array",
+    ),
+    Change(
+        "list-of-units-lost", BESIDE_ARRAYS,
+        "for column, unit in zip(columns, units, strict=False):",
+        "for column, unit in zip(columns, (), strict=False):",
+        "millivolts in a list of units beside a matrix are taken for volts",
+    ),
+    Change(
+        "any-list-is-one-of-names", BESIDE_ARRAYS, "if _LISTS_NAMES.match(k) and", "if",
+        "a list of plots in another order names the columns",
+    ),
+    Change(
+        "label-over-a-name", BESIDE_ARRAYS, '    if role_of(heading, "")[0]:\n', "    if False:\n",
+        "a displacement with a remark on the drive is the drive",
+    ),
+    Change(
+        "list-of-another-block", BESIDE_ARRAYS,
+        "if alike[key] == max(alike.values())]", "]",
+        "a table of pandas with two blocks is asked for by number",
+    ),
+    Change(
+        "port-is-the-name", BESIDE_ARRAYS, "if part and not _PORT.fullmatch(part)]", "if part]",
+        "the signals of a block diagram are all named Out1",
+    ),
+    Change(
+        "first-of-two-rates", BESIDE_ARRAYS,
+        "if steps and max(steps) <= (1.0 + SAME_STEP) * min(steps)", "if steps",
+        "of two rates that contradict each other the first is taken",
+    ),
+    Change(
+        "objects-are-numbers", LIBRARIES,
+        'if "MATLAB_object_decode" in item.attrs and kind not in ("", "function_handle"):',
+        "if False:", "the inner numbers of a timeseries are read as a recording of six rows",
+    ),
+    Change(
+        "references-left-out", LIBRARIES,
+        "if item.size <= MOST_WIDE and deep < MOST_DEEP:", "if False:",
+        "cells and arrays of structures of MATLAB 7.3 are left out without a word",
+    ),
+    Change(
+        "unit-of-a-field-lost", LIBRARIES, "yield Given(name, values, _unit_in(beside))",
+        "yield Given(name, values)", "millivolts in the metadata of a table are taken for volts",
+    ),
+    Change(
+        "rate-in-a-comment-unread", STATED, "if mark else 0.0)", "if False else 0.0)",
+        "'# fs = 200 Hz' is not the rate of the rows",
+    ),
+    Change(
+        "second-line-of-a-preamble-lost", GRID, "        if key in notes:\n", "        if False:\n",
+        "of two comments that begin alike the first is lost, and with it the unit in it",
+    ),
+)  # fmt: skip
+CHANGES += room(
+    (ODD,),
+    Change(
+        "inner-name-said", ALSO, ".replace(inner.name, path.name)", "",
+        "what is wrong in a packed file is said of a file that nobody knows",
+    ),
+    Change(
+        "bomb-unpacked", f"{FOREIGN}/packed.py", "            if left < 0:\n",
+        "            if False:\n", "a small file fills the disk",
+    ),
+    Change(
+        "midnight-cuts", EPOCHS, "(TURNS_S if clock else ())", "()",
+        "a recording over midnight is two recordings",
+    ),
+    Change(
+        "overflow-cuts", EPOCHS, "(TURNS if whole and not clock else ())", "()",
+        "a recording in which a counter overflows is two recordings",
+    ),
+    Change(
+        "recordings-of-65536-rows-joined", EPOCHS, "and values[0] > longest:", ":",
+        "two recordings of 65536 rows are one",
+    ),
+    Change(
+        "any-fall-continued", EPOCHS, "(across >= 0.0) & (across <= longest)", "across >= 0.0",
+        "a recorder that was started again is continued as if nothing had been lost",
+    ),
+    Change(
+        "cut-line-is-a-row", TEXT,
+        "if len(lines) > 1 and _is_short(split(lines[-1]), split(lines[-2]), decimal) else 0",
+        "if False else 0", "a file whose last line was cut is refused",
+    ),
+    Change(
+        "nines-measured", f"{FOREIGN}/no_value.py",
+        "if number in ENDS or NINES.fullmatch(repr(number)):",
+        "if False:", "-9999, which stands for no value, is a displacement",
+    ),
+    Change(
+        "end-of-range-is-none", f"{FOREIGN}/no_value.py", "> APART * span", "> 0.0",
+        "a gauge at the end of its range has no values there",
+    ),
+    Change(
+        "own-numbers-replaced", ALSO, "loaded.said = \"; \".join(remarks)",
+        "loaded.columns = {k: np.where(_no_values(k, v)[0], np.nan, v) "
+        "for k, v in loaded.columns.items()}",
+        "a recording of dehyst's own does not come back to the bit",
+    ),
+    Change(
+        "affixes-differ", f"{FOREIGN}/affixes.py", "if len(alike) > 1 or (plain", "if (plain",
+        "nanometres among micrometres are read as micrometres",
+    ),
+    Change(
+        "rates-of-their-own", f"{FOREIGN}/arrays.py",
+        "if len({c.values.size for c in needed}) > 1 and (named or not runs):", "if False:",
+        "it is advised to name a column that is of another rate",
+    ),
+    Change(
+        "one-channel-asked-for-twice", CHOOSE, "if len(left) >= len(roles):", "if True:",
+        "it is advised to name a displacement in a file that holds none",
+    ),
+    Change(
+        "times-apart-unsaid", CHOOSE, 'if role == "t" else ""', 'if False else ""',
+        "drive and displacement of different times are paired row by row",
+    ),
+    Change(
+        "constant-advised-as-drive", CHOOSE,
+        "may = [i for i in may if _moves(columns[i]) and not counts_up(columns[i].values)] or may",
+        "pass", "a column of row numbers is advised as the drive",
+    ),
+    Change(
+        "units-of-matlab-unread", f"{FOREIGN}/units.py", 'plain = plain.rstrip("_.") or plain',
+        "pass", "'Voltage_mV_' is read as volts",
+    ),
+    Change(
+        "announced-units-unread", HEADINGS,
+        'return [_ANNOUNCED.sub("", cell) for cell in cells[:1]] + cells[1:]', "return cells",
+        "'# units: s,mV,um' is not read",
+    ),
+    Change(
+        "unclosed-quote-joins", TEXT,
+        "if sum(line.count('\"') for line in lines[i : i + MOST_BROKEN]) % 2:", "if False:",
+        "a quote that nothing closes makes one line of the first rows",
+    ),
+    Change(
+        "title-is-names", TEXT,
+        'return [form for form in forms if sum(bool(role_of(cell, "")[0]) for cell in form) > 1]',
+        "return forms", "a title with two commas names three columns",
+    ),
+    Change(
+        "kinds-are-names", HEADINGS, "(labelled(k), of[k], k)", "(labelled(k), k)",
+        "a line of kinds below the names is taken for them, and millivolts for volts",
+    ),
+    Change(
+        "remark-behind-refuses", TEXT, '" #" in lines[i].strip():', "False:",
+        "a remark behind the numbers of one line makes a file unreadable",
+    ),
+    Change(
+        "kilovolts-of-counts", UNDERSTAND, "if highest > MOST_VOLTS:", "if False:",
+        "millivolts or counts under no unit are read as up to 90000 V",
+    ),
+    Change(
+        "velocity-drives", CHOOSE,
+        "    roles |= dict.fromkeys(_velocities(columns, free), (\"\", 0))\n", "",
+        "the velocity of 't, x, v' is read as volts",
+    ),
+    Change(
+        "falling-time", CHOOSE,
+        "roles |= {i: (\"\", 0) for i in times if not never_falls(columns[i].values)}", "pass",
+        "the displacement s cannot be named, as it is taken for seconds",
+    ),
+    Change(
+        "set-point-never-drives", CHOOSE, "if role in wants or role in reading.columns}", "}",
+        "of a set-point and a position it is said that a column is missing",
+    ),
+    Change(
+        "units-beside-an-empty-column-lost", HEADINGS,
+        "if numbers.first_empty and cells[0] and _are_units(cells[1:])",
+        "if numbers.first_empty and _are_units(cells[1:])",
+        "the units of a table that begins in column C are lost, and its millivolts are volts",
     ),
 )  # fmt: skip
 CHANGES += [

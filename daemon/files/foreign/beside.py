@@ -1,0 +1,118 @@
+"""Find what a file states beside its arrays: names and units of their columns, and the period."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+from dehyst.daemon.files.foreign.found import Column
+from dehyst.daemon.files.foreign.headings import apart
+from dehyst.daemon.files.foreign.roles import role_of
+from dehyst.daemon.files.foreign.stated_step import SAME_STEP, stated_step
+from dehyst.daemon.files.foreign.units import NO_UNIT, find_unit_key, split_heading
+
+UNIT_FIELDS = ("unit", "units", "unit_string")
+LABEL_FIELDS = ("label", "name", "title", "long_name")
+LONGEST_LABEL = 60
+_LISTS_NAMES = re.compile(
+    r"(?!dim)(?:.*(?:name|column|head|label|field|channel|variable|item))", re.I
+)
+"""What a list of names is called. Other lists, such as "plots", may be in another order; those of
+HDF5's dimensions name no columns."""
+_PORT = re.compile(r"(?:In|Out)\d*")
+"""The last part of a signal's name in a block diagram that says nothing."""
+
+
+def group_of(heading: str) -> str:
+    """Return the path in front of the last name, with its mark: "rec.drive." of "rec.drive.x"."""
+    return re.sub(r"[^/.]+$", "", heading)
+
+
+def names_beside(
+    stem: str, width: int, lists: Mapping[str, Sequence[str]]
+) -> tuple[Sequence[str], Sequence[str]]:
+    """Return (names, units) of an array's columns out of the lists of texts beside it: a list that
+    is called one of names and has one text for each column, and a list of units; () where there is
+    none, or several that differ and none of which belongs to the array by its own name. stem: the
+    array's name."""
+    fitting = {key: list(texts) for key, texts in lists.items() if len(texts) == width > 1}
+    units = {key: texts for key, texts in fitting.items() if _are_units(texts)}
+    names = {key: texts for key, texts in fitting.items() if key not in units}
+    names = {k: v for k, v in names.items() if _LISTS_NAMES.match(k) and len(set(v)) == width}
+    return _one_of(stem, names), _one_of(stem, units)
+
+
+def _are_units(texts: Sequence[str]) -> bool:
+    known = [bool(find_unit_key(text)) for text in texts]
+    return any(known) and all(
+        known or text.strip().lower() in NO_UNIT for known, text in zip(known, texts, strict=True)
+    )
+
+
+def _one_of(stem: str, lists: Mapping[str, Sequence[str]]) -> Sequence[str]:
+    """Return the list to use: the only one, or that whose name begins as the array's does."""
+    alike = {key: _alike(key.lower(), stem.lower()) for key in lists}
+    best = [texts for key, texts in lists.items() if alike[key] == max(alike.values())]
+    return best[0] if best and all(texts == best[0] for texts in best) else ()
+
+
+def _alike(one: str, other: str) -> int:
+    """Return how many letters two names have in common at their beginning."""
+    pairs = zip(one, other, strict=False)
+    return next((i for i, (a, b) in enumerate(pairs) if a != b), min(len(one), len(other)))
+
+
+def name_columns(columns: Sequence[Column], names: Sequence[str], units: Sequence[str]) -> None:
+    """Give the columns of one array their names and units. () leaves them as they are."""
+    for column, name in zip(columns, apart([" ".join(n.split()) for n in names]), strict=False):
+        array = column.heading.rpartition(".")[0]
+        column.heading = f"{array}/{name}" if array and name else name or column.heading
+    for column, unit in zip(columns, units, strict=False):
+        column.unit = column.unit or ("" if unit.strip().lower() in NO_UNIT else unit)
+
+
+def unit_beside(heading: str, notes: Mapping[str, str]) -> str:
+    """Return the unit that a structure states beside its numbers, "" if it states none:
+    "rec.drive.unit" or "signals.0.label" ("Drive [mV]") for "rec.drive.data"."""
+    beside = _notes_beside(heading, notes)
+    if unit := next((beside[key] for key in UNIT_FIELDS if key in beside), ""):
+        return unit
+    labels = (split_heading(beside[key])[1] for key in LABEL_FIELDS if key in beside)
+    return next(filter(None, labels), "")
+
+
+def label_beside(heading: str, notes: Mapping[str, str]) -> str:
+    """Return the name that a structure states for its only array, "" if it states none:
+    "signals.0.label" for "signals.0.values"."""
+    beside = _notes_beside(heading, notes)
+    return next((beside[key] for key in LABEL_FIELDS if beside.get(key)), "")
+
+
+def _notes_beside(heading: str, notes: Mapping[str, str]) -> dict[str, str]:
+    """Return the texts in the structure of an array, by their own names; {} for one that is itself
+    a unit, or in no structure."""
+    group = group_of(heading)
+    if not group or heading[len(group) :].lower() in UNIT_FIELDS:
+        return {}
+    return {
+        name[len(group) :].lower(): text for name, text in notes.items() if name.startswith(group)
+    }
+
+
+def labelled(heading: str, label: str) -> str:
+    """Return the heading of an array to which the file gives a label: its group, and the last part
+    of the label that says something ("Root/Drive [V]/Out1" is "Drive [V]"). An array whose own name
+    says what it is keeps it."""
+    if role_of(heading, "")[0]:
+        return heading
+    parts = [part.strip() for part in re.split(r"/(?![^\[({]*[\])}])(?=\S)", label)]
+    said = [part for part in parts if part and not _PORT.fullmatch(part)]
+    if not said or len(said[-1]) > LONGEST_LABEL:
+        return heading
+    return f"{group_of(heading).rstrip('/.')}/{said[-1]}".lstrip("/")
+
+
+def period_in(stated: Iterable[tuple[str, object]]) -> float:
+    """Return the sampling period [s] in (name, value) pairs such as ("rec.Fs", 1000.0), 0 if none
+    states one, or if two contradict each other."""
+    cells = ([re.split(r"[/.]", name)[-1], str(value)] for name, value in stated)
+    steps = [step for pair in cells if (step := stated_step(pair, "."))]
+    return steps[0] if steps and max(steps) <= (1.0 + SAME_STEP) * min(steps) else 0.0
