@@ -40,6 +40,7 @@ from dehyst.models.identify.plausibility.recordings import (
     require_following,
     require_one_sense,
     require_one_stage,
+    require_places,
     require_same_units,
     rms,
 )
@@ -98,8 +99,9 @@ def _identify(
     recordings: Sequence[Recording], options: Options, progress: Callable[[str], None]
 ) -> Identification:
     rows = [read_rows(r) for r in recordings]
-    require_drive_first(rows)
     first = recordings[0]
+    require_places(rows, spell_unit(first.drive_unit))
+    require_drive_first(rows)
     require_one_sense(rows, f"{first.displacement_unit}/{spell_unit(first.drive_unit)}")
     setup = set_up(rows, options.monotone)
     agreed = start_agrees(setup, options.rate is not False)

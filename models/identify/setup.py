@@ -14,7 +14,7 @@ from dehyst.models.cascade.simulate import simulate
 from dehyst.models.errors import BadRecording
 from dehyst.models.hysteresis.z_range import find_least_slope, find_rates
 from dehyst.models.identify.data.folds import assign_pieces
-from dehyst.models.identify.data.outliers import measure_deviation, sample, thin
+from dehyst.models.identify.data.outliers import TYPICAL, measure_deviation, sample, thin
 from dehyst.models.identify.data.rows import (
     Rows,
     find_acceleration,
@@ -238,7 +238,7 @@ class FitSetup:
         middle = np.concatenate([some[~np.isnan(some)] for some in map(sample, known)])
         usual = TUNING.rows_compared
         chances = np.log(max(usual, sum(k.size for k in known))) / np.log(usual)
-        scatter = 1.4826 * float(np.median(middle)) if middle.size else 0.0
+        scatter = float(np.median(middle)) / TYPICAL if middle.size else 0.0
         limit = TUNING.wild * np.sqrt(chances) * scatter
         for pick, off, e, one in zip(self.picks, known, residuals, self.rows, strict=True):
             size = float(np.ptp(np.nanquantile(sample(one.y), [0.02, 0.98])))

@@ -106,6 +106,12 @@ def outside(seed: int = 0) -> dict[str, Recording]:
             )
         },
         "switching within a loop": (t, sine, relay(sine, 30.0, 0.4)),
+        "square wave": (t, 50.0 + 50.0 * np.sign(sine), stage(50.0 + 50.0 * np.sign(sine))),
+        "square wave, late": (
+            t,
+            50.0 * np.sign(sine),
+            delayed(stage(50.0 * np.sign(sine)), 0.02),
+        ),
         "one way up": (t, t * 10.0, t * 3.0),
         "one way down": (t, -(t**1.5), -t),
         "nothing that follows": (t, sine, rng.standard_normal(t.size)),

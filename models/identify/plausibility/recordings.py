@@ -13,6 +13,8 @@ from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats, Recording
 
 ROUGHNESS_ROWS = 100_000
+PLACES, FEW_PLACES = 100, 3
+"""Equal parts of the drive's range; so many of them are too few to show a loop."""
 
 
 def require_same_units(recordings: Sequence[Recording]) -> None:
@@ -73,6 +75,25 @@ def require_drive_first(rows: Sequence[Rows]) -> None:
                 f"{one.name}: the drive follows the displacement, by a loop of {-area:.1%} of its "
                 "box; are the columns swapped? the drive is u_..., the measured displacement y_..."
             )
+
+
+def require_places(rows: Sequence[Rows], unit: str) -> None:
+    """Raise BadRecording if the drives only jump between a few values: what the stage does between
+    them is not shown."""
+    u = np.concatenate([one.u[~np.isnan(one.u) & ~np.isnan(one.y)] for one in rows])
+    low, span = float(u.min()), float(np.ptp(u))
+    if not span:
+        return
+    rests = np.bincount(np.minimum((PLACES * (u - low) / span).astype(int), PLACES - 1))
+    commonest = np.sort(np.argsort(rests)[-FEW_PLACES:])
+    if u.size - int(rests[commonest].sum()) >= TUNING.fewest_rows:
+        return
+    values = [f"{low + span * k / (PLACES - 1):.3g}" for k in commonest if rests[k]]
+    raise BadRecording(
+        f"{rows[0].name}: the drive only jumps between {len(values)} values ({', '.join(values)} "
+        f"{unit}), which shows nothing of the loop between them; record a drive that moves through "
+        "its range, such as a triangle, or that rests at many places (dehyst excite designs one)"
+    )
 
 
 def require_one_sense(rows: Sequence[Rows], unit: str) -> None:

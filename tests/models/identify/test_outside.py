@@ -24,7 +24,8 @@ OUTSIDE = outside()
 REASONS = {
     "butterfly": "butterfly", "square butterfly": "butterfly",
     "switching within": "in .* jumps|loop is", "switching": "loop is",
-    "square friction": "loop is", "dry": "loop is", "one way": "only runs", "nothing": "follow",
+    "square friction": "loop is", "square wave": "only jumps between",
+    "dry": "loop is", "one way": "only runs", "nothing": "follow",
     "another": "follow|another input", "twice": "butterfly|follow", "open": "follow",
     "friction ahead": "jumps by|another input", "stick-slip": "in .* jumps|another input",
     "gauge disconnected": "follow", "drive unconnected": "follow", "gauge turned": "follow",

@@ -91,6 +91,16 @@ def test_lone_readings_are_left_out_and_said() -> None:
     assert any(said.startswith("3 lone readings") for said in found.data.says)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_no_noise_is_lone(seed: int) -> None:
+    """The deviation of white noise from the median of five has a median of half a standard
+    deviation, and exceeds 4.4 standard deviations in one row of 20 000."""
+    sweep = record("sweep", sine(0.0, 150.0, 1.2, 20.0), REST, seed)
+    noise = 0.03 * np.random.default_rng(seed).standard_normal(sweep.size)
+    found = identify([replace(sweep, displacement=np.add(sweep.displacement, noise))])
+    assert not any("lone" in note for note in found.notes)
+
+
 def follow_late(name: str, u: Floats, tau_s: float, seed: int) -> Recording:
     """Record a stage behind a first-order lag, whose drive is held between the samples: the lag's
     exact response."""

@@ -542,6 +542,13 @@ CHANGES += (
             "readings after an edge that a stage follows late are left out",
         ),
         Change(
+            "noise-is-lone",
+            "models/identify/data/outliers.py",
+            "TYPICAL = 0.49",
+            "TYPICAL = 0.6745",
+            "readings are left out of every long recording for their noise",
+        ),
+        Change(
             "lone-on-one-side",
             "models/identify/setup.py",
             "np.minimum(np.abs(measure_jumps(one.y)), measure_peaks(e)) > 0.4 * off",
