@@ -14,7 +14,7 @@ from dehyst.models.cascade.simulate import simulate
 from dehyst.models.errors import BadRecording
 from dehyst.models.hysteresis.z_range import find_least_slope, find_rates
 from dehyst.models.identify.data.folds import assign_pieces
-from dehyst.models.identify.data.outliers import TYPICAL, measure_deviation, sample, thin
+from dehyst.models.identify.data.outliers import measure_deviation, sample, thin
 from dehyst.models.identify.data.rows import (
     Rows,
     find_acceleration,
@@ -34,11 +34,17 @@ from dehyst.models.model import Hysteresis, Model, Validity
 from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats
 from dehyst.models.signals.lone import (
+    BOTH,
     DRIVEN,
+    JUMP,
     measure_driven_jumps,
     measure_jumps,
     measure_peaks,
 )
+
+TWO = 0.3
+"""Least jump of a wild reading, as a share of its deviation: each of two in succession has a third,
+the peak of a mode that rings over ten rows a twentieth."""
 
 
 @dataclass(frozen=True)
@@ -228,22 +234,22 @@ class FitSetup:
         """Return the setup without the rows of lone wild readings, and the number of these rows.
 
         A reading is wild if its residual is far from those of its neighbours, on the same side of
-        both, while the displacement itself jumps and the drive does not. Misfit is not wild: there
-        the model jumps, or neither does, or the stage follows an edge of the drive late.
+        both, while the displacement itself jumps and the drive does not; or by more than a
+        twentieth of the range from those around it, alone or with its neighbour. Misfit is not
+        wild: there the model jumps, or neither does, or the stage rings, or follows an edge late.
         """
         picks, count = [], 0
-        known = [measure_deviation(e) for e in residuals]
-        for off in known:
-            np.abs(off, out=off)
-        middle = np.concatenate([some[~np.isnan(some)] for some in map(sample, known)])
+        left = [np.abs(measure_jumps(e)) for e in residuals]
+        middle = np.concatenate([some[some > 0.0] for some in map(sample, left)])
         usual = TUNING.rows_compared
-        chances = np.log(max(usual, sum(k.size for k in known))) / np.log(usual)
-        scatter = float(np.median(middle)) / TYPICAL if middle.size else 0.0
+        chances = np.log(max(usual, sum(e.size for e in residuals))) / np.log(usual)
+        scatter = float(np.median(middle)) / JUMP if middle.size else 0.0
         limit = TUNING.wild * np.sqrt(chances) * scatter
-        for pick, off, e, one in zip(self.picks, known, residuals, self.rows, strict=True):
+        for pick, e, jump, one in zip(self.picks, residuals, left, self.rows, strict=True):
+            off = np.abs(measure_deviation(e))
             size = float(np.ptp(np.nanquantile(sample(one.y), [0.02, 0.98])))
-            jumps = np.minimum(np.abs(measure_jumps(one.y)), measure_peaks(e)) > 0.4 * off
-            jumps |= off > 0.05 * size
+            jumps = np.minimum(np.abs(measure_jumps(one.y)), measure_peaks(e)) > BOTH * off
+            jumps |= (off > TUNING.small * size) & (jump > TWO * off)
             with np.errstate(invalid="ignore"):
                 jumps &= measure_driven_jumps(one.y, one.u) < DRIVEN * off
                 wild = pick & jumps & (off > max(limit, TUNING.trace * size))

@@ -20,6 +20,8 @@ APART = 10
 """Fewest rows between two: closer ones belong to a motion, such as a mode that rings."""
 DRIVEN = 0.2
 """Largest share of the deviation that the drive may explain."""
+JUMP = 0.6745 * (35.0 / 18.0) ** 0.5
+"""Median jump of white noise from the cubic through its neighbours, in its standard deviations."""
 FEW = 0.005
 """Largest share of the rows: with more, it is something that the gauge does."""
 

@@ -16,9 +16,6 @@ PAUSE = 4.0
 LONE = 3.0
 """Deviation over the steps of the drive nearby from which a lone value is wild: the peak of a
 sawtooth before its flyback deviates by two."""
-TYPICAL = 0.49
-"""Median distance of white noise from the median of the five values around it, in its standard
-deviations: one value in five is that median itself."""
 
 
 def remove_glitches(name: str, t: Floats, u: Floats, notes: list[str]) -> Floats:
@@ -62,7 +59,7 @@ def _find_glitches(v: Floats) -> Bools:
     off = measure_deviation(v)
     np.abs(off, out=off)
     some = np.nanquantile(sample(v), [0.02, 0.98])
-    limit = TUNING.wild * float(np.median(sample(off))) / TYPICAL
+    limit = TUNING.wild * 1.4826 * float(np.median(sample(off)))
     limit = max(limit, TUNING.trace * float(np.ptp(some)))
     jumps = measure_jumps(v)
     np.abs(jumps, out=jumps)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 from tests.rigs.diagnosis import diagnose_without_limits
 from tests.rigs.outside import plays
 
@@ -111,6 +112,16 @@ def follow_late(name: str, u: Floats, tau_s: float, seed: int) -> Recording:
         y[k] = left * y[k - 1] + (1.0 - left) * still[k - 1]
     noise = NOISE_UM * np.random.default_rng(seed).standard_normal(u.size)
     return Recording(times(u.size / RATE_HZ), u, y + noise, name=f"{name}.csv")
+
+
+def test_the_peaks_of_a_mode_that_rings_are_not_lone() -> None:
+    levels = np.random.default_rng(4).uniform(0.0, 150.0, 30)
+    u, w = np.repeat(np.r_[0.0, levels], 150), 2 * np.pi * 35.0
+    still = plays(u, R, W)
+    _, y, _ = signal.lsim(([w**2], [1.0, 0.1 * w, w**2]), still, times(u.size / RATE_HZ))
+    y += NOISE_UM * np.random.default_rng(6).standard_normal(u.size)
+    found = identify([Recording(times(u.size / RATE_HZ), u, y, name="stairs.csv")])
+    assert not any("lone" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("tau_s", [0.002, 0.005, 0.02])

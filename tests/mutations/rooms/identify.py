@@ -543,17 +543,17 @@ CHANGES += (
         ),
         Change(
             "noise-is-lone",
-            "models/identify/data/outliers.py",
-            "TYPICAL = 0.49",
-            "TYPICAL = 0.6745",
+            "models/identify/setup.py",
+            "scatter = float(np.median(middle)) / JUMP",
+            "scatter = 0.727 * float(np.median(middle)) / JUMP",
             "readings are left out of every long recording for their noise",
         ),
         Change(
-            "lone-on-one-side",
+            "peaks-are-lone",
             "models/identify/setup.py",
-            "np.minimum(np.abs(measure_jumps(one.y)), measure_peaks(e)) > 0.4 * off",
-            "np.abs(measure_jumps(one.y)) > 0.4 * off",
-            "a reading is lone although a neighbour is as far off",
+            "(off > TUNING.small * size) & (jump > TWO * off)",
+            "off > TUNING.small * size",
+            "the peaks of a mode that rings are left out",
         ),
     )
     + room(
