@@ -24,7 +24,7 @@ def gauge_lag_s(config: Config, model: Model, spec: DeviceSpec | None) -> float:
     every, call_s = 1, 0.0
     if spec is not None:
         every, call_s = max(1, math.ceil(config.loop.rate_hz / spec.max_rate_hz)), spec.latency_s
-    return trim.sensor_lag_s(model) + call_s + period_s * (1.0 + 0.5 * every)
+    return trim.sensor_lag_s(model, period_s) + call_s + period_s * (1.0 + 0.5 * every)
 
 
 def trim_setting(

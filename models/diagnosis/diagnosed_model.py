@@ -34,6 +34,9 @@ THRESHOLDS = np.array([0, 0.01, 0.025, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.37, 
 POWERS = ((2, 3, 4, 5), (2, 3), ())  # tried in order, until the model is monotone
 LEAST_SLOPE = 0.1  # of the polynomial over the recorded range: below, it counts as not monotone
 ROUNDS = 12  # Gauss-Newton steps of the plain fit
+UNRECORDED = 1e-8
+"""Prior of neighbouring partial sums being equal, relative to the drive's power: 1e-4 of its range,
+less than any play that was recorded does."""
 PROBE_SAMPLES = 400
 BY_HEART = 5.0  # held-out rms over fit rms: above, the model predicts no other rows
 
@@ -249,8 +252,12 @@ def _fit_polynomial(
 
 def _solve_bounded(x: Floats, y: Floats, n: int, m: int) -> tuple[Floats, Floats]:
     """Return weights (n,) >= 0 and free coefficients (m,). x: the weights' columns, the
-    coefficients' columns with both signs, then others."""
+    coefficients' columns with both signs, then others. Neighbouring weights, which are partial sums
+    over the plays, are held to each other: where nothing was recorded of a play, it carries
+    nothing."""
     gram = x.T @ x
+    between = np.diff(np.eye(n), axis=0)
+    gram[:n, :n] += UNRECORDED * float(gram[:n, :n].sum()) * (between.T @ between)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
     normed = gram / np.outer(scale, scale) + 1e-9 * np.eye(scale.size)
     factor = np.linalg.cholesky(normed)

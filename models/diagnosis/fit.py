@@ -17,7 +17,11 @@ import numpy as np
 
 from dehyst.models.diagnosis.base import NO_MODEL_PRIOR, Base, ModelPrior, rich_base
 from dehyst.models.diagnosis.columns import Columns
-from dehyst.models.diagnosis.data.drive_path import count_distinct_places, is_single_loop
+from dehyst.models.diagnosis.data.drive_path import (
+    count_distinct_moments,
+    count_distinct_places,
+    is_single_loop,
+)
 from dehyst.models.diagnosis.diagnosed_model import NO_MODEL, DiagnosedModel
 from dehyst.models.diagnosis.effects import (
     Effect,
@@ -71,6 +75,12 @@ class Problem:
         columns."""
         return count_distinct_places(self.data) <= rich_base(self.data).width
 
+    @cached_property
+    def has_few_distinct_moments(self) -> bool:
+        """Whether the same of its moments: a rich base then gives each sample of a period a value
+        of its own."""
+        return count_distinct_moments(self.data) <= rich_base(self.data).width
+
     @property
     def solution_count(self) -> int:
         """Number of full solutions so far."""
@@ -88,10 +98,10 @@ class Problem:
         """Return the same problem with another reading (N,)."""
         return self._alike(True, data=replace(self.data, y=y))
 
-    def with_zero_order_hold(self, stepped: bool = True, led: bool = False) -> "Problem":
+    def with_zero_order_hold(self, stepped: bool = True) -> "Problem":
         """Return the same problem with lags and modes fed by steps, or by straight lines between
-        samples (led: half a sample earlier)."""
-        return self._alike(True, data=replace(self.data, stepped=stepped, led=led))
+        samples."""
+        return self._alike(True, data=replace(self.data, stepped=stepped))
 
     def with_sequential_fits(self) -> "Problem":
         """Return the same problem with its fits run one after the other, for use where whole

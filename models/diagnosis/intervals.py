@@ -35,7 +35,7 @@ def intervals(problem: Problem, fitted: JointFit, sigma: float) -> list[dict[str
         theta_to, amplitude_to = theta_at + len(effect.theta), amplitude_at + amplitudes.size
         at = np.r_[theta_at:theta_to, amplitude_at:amplitude_to]
         theta_at, amplitude_at = theta_to, amplitude_to
-        least = TUNING.half if problem.has_few_distinct_places and effect.candidate.late else 0.0
+        least = TUNING.half if problem.has_few_distinct_moments and effect.candidate.late else 0.0
         out.append(_values(fitted, i, p, cov[np.ix_(at, at)], least))
     return out
 

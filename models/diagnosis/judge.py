@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dehyst.models.diagnosis.base import compact_base
-from dehyst.models.diagnosis.data.drive_path import count_distinct_places, is_moving_against_drive
+from dehyst.models.diagnosis.data.drive_path import count_distinct_moments, is_moving_against_drive
 from dehyst.models.diagnosis.effects import Effect, parameters_at_bound
 from dehyst.models.diagnosis.evidence import Constancy, constancy, contribution
 from dehyst.models.diagnosis.fit import Problem
@@ -97,10 +97,10 @@ def can_distinguish_lag(problem: Problem, sigma: float) -> bool:
     """Return whether a delay, a lag or a slew limit can be distinguished from the loop. It cannot
     where the drive is sampled at so few places that even a compact base has a column for nearly
     each, unless the displacement moves against the drive."""
-    if not problem.has_few_distinct_places:
+    if not problem.has_few_distinct_moments:
         return True
     columns = compact_base(problem.data).width + len(problem.data.names)
-    enough = count_distinct_places(problem.data) >= TUNING.near * columns
+    enough = count_distinct_moments(problem.data) >= TUNING.near * columns
     return enough or is_moving_against_drive(problem.data, sigma)
 
 

@@ -164,8 +164,8 @@ def _find(search_start: SearchStart, say: Progress, forbidden: Sequence[str]) ->
     """Find the effects with the rich base, or with a compact one where the rich one has too many
     columns for what was recorded."""
     problem, null = search_start.problem, search_start.null
-    if problem.has_few_distinct_places:
-        return _find_with_few_places(search_start, say, forbidden)
+    if problem.has_few_distinct_moments:
+        return _find_with_few_moments(search_start, say, forbidden)
     found = over_rich = _search(search_start, say, forbidden)
     in_sample = null.sse / int(problem.data.rows.sum())
     if blockwise_held_out_error(problem, null) > TUNING.near**2 * in_sample:
@@ -178,7 +178,7 @@ def _find(search_start: SearchStart, say: Progress, forbidden: Sequence[str]) ->
     return SearchResult(found, over_rich)
 
 
-def _find_with_few_places(
+def _find_with_few_moments(
     search_start: SearchStart, say: Progress, forbidden: Sequence[str]
 ) -> SearchResult:
     """Find the effects where the drive repeats itself within so few samples that a rich base can
@@ -204,14 +204,48 @@ def _find_with_few_places(
 def _search(
     search_start: SearchStart, say: Progress, forbidden: Sequence[str], share: float = TUNING.minor
 ) -> SearchState:
-    """Search on a subset of the rows and fit the result to all of them."""
-    problem, null, sigma = search_start.problem, search_start.null, search_start.sigma
+    """Search on a subset of the rows and fit the result to all of them, with lags and modes fed by
+    steps or by straight lines, whichever leaves less with all effects known."""
+    problem = search_start.problem
+    fed = [_search_fed(problem, search_start, say, share, forbidden)]
+    other = _fed_otherwise(fed[0])
+    if other is not fed[0]:  # with it, other effects may do better
+        again = _search_fed(other.problem, search_start, say, share, forbidden)
+        fed = [other, again]
+    return min(fed, key=lambda one: one.accepted.sse)
+
+
+def _search_fed(
+    problem: Problem,
+    search_start: SearchStart,
+    say: Progress,
+    share: float,
+    forbidden: Sequence[str],
+) -> SearchState:
+    null, sigma = search_start.null, search_start.sigma
     light = search_start.with_problem(problem.with_fewer_rows(TUNING.search_rows))
     found = search(light.problem, sigma, light.null, say, share, forbidden)
     say("fitting all samples", 0.86)
     final = found.accepted
     final = problem.refit(final.effects, rounds=8, settle=0.3 * sigma**2) if final.effects else null
     return replace(found, problem=problem, null=null, accepted=final)
+
+
+def _fed_otherwise(found: SearchState) -> SearchState:
+    """Return the search's result with its lags and modes fed by steps in place of straight lines,
+    or the reverse, if that leaves less. A hold is half a sample ahead of straight lines, and a
+    delay that was found has made up for that."""
+    problem, sigma, effects = found.problem, found.sigma, found.accepted.effects
+    if problem.data.early or all(e.candidate.mode == "columns" for e in effects):
+        return found
+    stepped = not problem.data.stepped
+    ahead_s = 0.5 * problem.data.period * (1.0 if stepped else -1.0)
+    other = problem.with_zero_order_hold(stepped)
+    moved = [replace(e, theta=e.candidate.after(ahead_s, e.theta)) for e in effects]
+    fit = other.refit(moved, rounds=8, settle=0.3 * sigma**2)
+    if fit.sse > found.accepted.sse - TUNING.price * sigma**2:
+        return found
+    return replace(found, problem=other, accepted=fit)
 
 
 def _accept(found: SearchState, seen: Effect) -> SearchState:

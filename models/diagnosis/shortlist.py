@@ -34,7 +34,7 @@ def list_remaining(
     """Return the candidates that may be added next to a fit's effects."""
     # an effect in its finer form covers the simpler one too
     have = {k for e in current.effects for k in (e.candidate.key, e.candidate.refines)}
-    late = problem.has_few_distinct_places and any(e.candidate.late for e in current.effects)
+    late = problem.has_few_distinct_moments and any(e.candidate.late for e in current.effects)
     return [
         c
         for c in everything

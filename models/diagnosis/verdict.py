@@ -9,7 +9,11 @@ from dehyst.models.diagnosis.data.colour import is_coloured
 from dehyst.models.diagnosis.data.locate import hot_spots, locate
 from dehyst.models.diagnosis.data.survey import BUTTERFLY, has_response_to_drive
 from dehyst.models.diagnosis.evidence import blockwise_held_out_error
-from dehyst.models.diagnosis.findings.decide import decide_verdict, report_unknown
+from dehyst.models.diagnosis.findings.decide import (
+    decide_verdict,
+    report_unknown,
+    sort_by_strength,
+)
 from dehyst.models.diagnosis.findings.episodes import describe_residual_change, find_episodes
 from dehyst.models.diagnosis.findings.reported import without_effects_of_kind
 from dehyst.models.diagnosis.findings.shape import mark_not_written
@@ -81,7 +85,8 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
         findings.append(_rest(data, one, sum(f.share for f in findings)))
     if verdict == "explained" and not written.explains(noise):
         verdict = "partly"
-    return Judged(searched, found, data, verdict, tuple(findings), noise, unexplained, written)
+    ranked = tuple(sort_by_strength(findings))
+    return Judged(searched, found, data, verdict, ranked, noise, unexplained, written)
 
 
 def _weigh(searched: Searched, found: SearchState, say: Progress) -> _Weighed:

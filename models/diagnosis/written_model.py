@@ -19,7 +19,7 @@ from dehyst.models.diagnosis.augment import (
     measure_difference_elsewhere,
     slow_sweeps,
 )
-from dehyst.models.diagnosis.base import ModelPrior, rich_base
+from dehyst.models.diagnosis.base import ModelPrior, compact_base, rich_base
 from dehyst.models.diagnosis.data.drive_path import is_one_period
 from dehyst.models.diagnosis.findings.weigh import Conclusion
 from dehyst.models.diagnosis.fit import Problem
@@ -69,15 +69,13 @@ def choose_written_model(
     if problem.data.between is not None:  # a model assumes straight lines between samples
         problem = replace(problem, data=replace(problem.data, between=None))
         final = problem.refit(final.effects)
-    if problem.data.stepped:
-        problem, final = as_blocks(problem, final)
-        bare = bare.with_zero_order_hold(False, led=problem.data.led)
-    bare = replace(bare, data=replace(bare.data, between=None))
+    bare = replace(bare, data=replace(bare.data, between=None, stepped=problem.data.stepped))
     held_out = make_held_out_groups(problem, final, bare.data.u)
     in_use_model = bare.diagnosed.model
     in_use = held_out.held_out_errors(lambda here: in_use_model)
     best, chosen = WrittenModel(in_use_model, in_use, in_use), None
     noise = (TUNING.trace * sigma) ** 2
+    bounded = is_within_reach(in_use_model, data)  # else no other can be asked to be
     if not final.effects and not problem.base.width:
         return best
 
@@ -85,7 +83,7 @@ def choose_written_model(
         try:
             held = held_out.held_out_errors(choice.write_without)
             model = choice.write()
-            if not is_within_reach(model, data):
+            if bounded and not is_within_reach(model, data):
                 return None
         except BadModel:  # a parameter value that the model format does not allow
             return None
@@ -122,8 +120,11 @@ def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[Writa
     subsets = [effects, *([e for e in effects if e is not one] for one in effects)]
     for some in subsets[: 1 if len(effects) < 2 else None]:
         yield WritableFit(bare, bare.refit(some) if some else bare.solve([]), False)
-    if not problem.base.width or _is_fitted_pointwise(problem) or problem.is_single_loop:
+    if not problem.base.width or problem.is_single_loop:
         return  # one loop does not show another's shape, whichever of its rows are left out
+    if _is_fitted_pointwise(problem):  # a base of few columns goes on between the places
+        problem = replace(problem, base=compact_base(problem.data))
+        final = problem.refit(effects)
     output = problem.output_of(final)
     if effects and not problem.diagnosed.given:
         yield Refitted(problem, final, False)
@@ -134,15 +135,6 @@ def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[Writa
     heavily = (add_model_prior(problem, weight) for weight in TUNING.leanings[1:])
     for held_to in chain(stiffly, heavily):
         yield WritableFit(held_to, held_to.solve(effects, output), True)
-
-
-def as_blocks(problem: Problem, fit: JointFit) -> tuple[Problem, JointFit]:
-    """Convert a fit with steps into one that blocks can represent, which are fed by straight lines:
-    with a lead of half a sample where that leaves less. The lead shifts all that passes the mode,
-    also what the mode does not change, and is not used where that dominates."""
-    fed = [problem.with_zero_order_hold(False, led) for led in (False, True)]
-    both = [(one, one.refit(fit.effects)) for one in fed]
-    return min(both, key=lambda pair: pair[1].sse)
 
 
 def add_model_prior(problem: Problem, weight: float) -> Problem:

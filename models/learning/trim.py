@@ -141,14 +141,16 @@ def begin_trim() -> NDArray[Any]:
     return out
 
 
-def sensor_lag_s(model: Model) -> float:
-    """Return the sum of lag and delay of the model's sensor blocks [s]."""
+def sensor_lag_s(model: Model, period_s: float) -> float:
+    """Return the sum of lag and delay of the model's sensor blocks [s] in a loop with this period
+    [s]."""
     total = 0.0
     for block in model.blocks:
         if block.place != "sensor":
             continue
         kind = KINDS[block.kind]
-        p, _ = kind.numbers(kind.values(block, model.drive_unit, model.displacement_unit), 1.0)
+        values = kind.values(block, model.drive_unit, model.displacement_unit)
+        p, _ = kind.numbers(values, period_s)
         match kind.inverse:
             case Led(lead):
                 total += max(0.0, float(lead(p)[0]))

@@ -158,6 +158,11 @@ class Candidate:
         """Return a start, given the fitted theta of the candidate that this one refines."""
         return tuple(theta)
 
+    def after(self, ahead_s: float, theta: Sequence[float]) -> tuple[float, ...]:
+        """Return the values with which it makes up for other effects that come this much earlier
+        [s]."""
+        return tuple(theta)
+
     def add_mode(self, theta: Sequence[float], data: Data, residual: Floats) -> tuple[float, ...]:
         """Return theta extended by one more mode that the residual suggests, or ()."""
         return ()

@@ -39,7 +39,7 @@ def _forward(p_at: int, s_at: int, x: float, dt: float, ch: float) -> float:
     if s.started == 0.0:
         s.q = s.x = c
         s.started = 1.0
-    move_mode(s, p.frequency, p.damping, c, dt)
+    move_mode(s, p.frequency, p.damping, c, dt, False)
     return x + p.gain * s.q + p.per_speed * s.speed
 
 

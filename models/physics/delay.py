@@ -2,9 +2,8 @@
 
 Past inputs are interpolated between samples by the cubic through the four nearest samples, and at
 the newest end by the parabola through the last three. Before the first sample the input equals the
-first one. A lead represents a recorder that reads late, a lag or a mode after a zero-order hold of
-the commands, or a stage whose rate is the derivative at a sample and not the difference from the
-previous one; dx/dt is that difference here.
+first one. A lead represents a recorder that reads late, or a stage whose rate is the derivative at
+a sample and not the difference from the previous one; dx/dt is that difference here.
 """
 
 import math
@@ -124,23 +123,9 @@ LEAD = Kind(
 )
 
 
-def ahead(data: Data, x: Floats) -> Floats:
-    """Return the input (N, k) of a lag or a mode: half a sample earlier if data.led."""
-    if not data.led:
-        return x
-    step = np.diff(x, axis=0, prepend=x[:1])
-    step[data.starts] = 0.0
-    return x + step * (0.5 * data.period / data.dt)[:, None]
-
-
 def lead(place: str, tau_s: float) -> Block:
     """Return the block of a lead by tau_s [s]."""
     return Block("lead", place, {"tau_s": tau_s})
-
-
-def lead_before(data: Data, place: str) -> tuple[Block, ...]:
-    """Return the block that corresponds to `ahead`; () unless data.led."""
-    return (lead(place, 0.5 * data.period),) if data.led else ()
 
 
 OF_A_SAMPLE = 0.1
@@ -178,6 +163,10 @@ class Delay(Candidate):
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         return [(data.period * k,) for k in (0.2, 0.6, 1.5, 3.0, 6.0, 14.0)]
+
+    def after(self, ahead_s: float, theta: Sequence[float]) -> tuple[float, ...]:
+        (delay,) = self.parameters
+        return (min(max(theta[0] + ahead_s, delay.low), delay.high),)
 
     def drive(self, data: Data, v: Floats, theta: Sequence[float]) -> Floats:
         return delayed(v, theta[0] / data.dt, data.starts)

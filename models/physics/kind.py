@@ -3,7 +3,9 @@
 Every kind has one forward kernel for one sample with explicit state (see
 `dehyst.models.physics.address`) and one type of inverse. Inputs are interpolated linearly between
 samples (first-order hold), so that the sampled form of a linear block is exact for such inputs at
-any sampling period. A block starts settled at its first input.
+any sampling period. The input of a lag or a mode may instead be held (zero-order hold): where a
+control loop writes a command and keeps it until the next, as `HELD` says. A block starts settled at
+its first input.
 """
 
 import re
@@ -16,6 +18,7 @@ import numpy as np
 from dehyst.models.errors import BadModel
 from dehyst.models.model import Block, Floats
 from dehyst.models.physics.address import Kernel, call_kernel, fields
+from dehyst.models.signals.joined import Data
 from dehyst.models.units import UNIT_NAMES
 
 SAME = 1e-9  # relative difference below which two sampling intervals count as equal
@@ -29,7 +32,7 @@ Values = dict[str, Floats]
 class Param:
     """One parameter. key: as in the model file, with {u} for the drive unit and {y} for the
     displacement unit; name: the same without units; low, high: allowed range, ends included;
-    many: a list is allowed; default: None if the key is required."""
+    many: a list is allowed; default: None if the key is required; whole: whole numbers only."""
 
     key: str
     name: str
@@ -39,6 +42,7 @@ class Param:
     meaning: str
     many: bool = False
     default: tuple[float, ...] | None = None
+    whole: bool = False
 
     def matches(self, key: str, drive_unit: str = "", displacement_unit: str = "") -> bool:
         """Return whether `key` is this parameter in the given units ("": any unit)."""
@@ -103,6 +107,24 @@ class Never:
     """Not compensated; why: the reason, in words."""
 
     why: str
+
+
+HELD = Param(
+    "held",
+    "held",
+    "",
+    0.0,
+    1.0,
+    "1: the input has had its value since the sample before; 0: it moves in straight lines",
+    default=(0.0,),
+    whole=True,
+)
+
+
+def held_key(data: Data) -> dict[str, float]:
+    """Return the entry of a block for recordings whose lags and modes are fed by steps; {} where
+    they are fed by straight lines."""
+    return {"held": 1.0} if data.stepped else {}
 
 
 Inverse = Solved | Led | Shifted | Limited | Subtracted | Never
@@ -240,4 +262,6 @@ def _checked(param: Param, key: str, value: Any) -> Floats:
             raise BadModel(
                 f"{key}: must be from {param.low:g} to {param.high:g} {param.unit}, not {entry:g}"
             )
+        if param.whole and entry != int(entry):
+            raise BadModel(f"{key}: a whole number is needed, not {entry:g}")
     return np.array(entries, np.float64)

@@ -1,7 +1,8 @@
 """First-order lag: tau dy/dt + y = x (amplifier into the stack's capacitance, sensor filter).
 
-The form is exact for an input that is linear between the samples. A servo around the stage is also
-recognised here, as a second-order lag; its block is a resonance that does not ring.
+The form is exact for an input that is linear between the samples, or held (`kind.HELD`). A servo
+around the stage is also recognised here, as a second-order lag; its block is a resonance that does
+not ring.
 """
 
 import math
@@ -12,13 +13,22 @@ import numpy as np
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
-from dehyst.models.physics.delay import OF_A_SAMPLE, ahead, lead_before
+from dehyst.models.physics.delay import OF_A_SAMPLE
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import SAME, Kind, Led, Param, head_record
+from dehyst.models.physics.kind import (
+    HELD,
+    SAME,
+    Kind,
+    Led,
+    Param,
+    Values,
+    head_record,
+    held_key,
+)
 from dehyst.models.signals.filters import lag_step, lowpass, second_order
 from dehyst.models.signals.joined import Data, Floats
 
-PACKED = fields("tau")
+PACKED = fields("tau", "hold")  # s; hold: 0 where the input moves in straight lines
 STATE = fields("y", "x", "dt", "decay")  # output, previous input, dt of the decay, decay
 
 
@@ -32,10 +42,24 @@ def step(
         if abs(dt - s.dt) > SAME * dt:
             s.dt = dt
             s.decay = math.exp(-dt / p.tau)
-        trail = p.tau * ((x - s.x) / dt)
-        s.y = lag_step(s.y, s.x, x, trail, s.decay)
+        before = x if p.hold > 0.0 else s.x
+        trail = p.tau * ((x - before) / dt)
+        s.y = lag_step(s.y, before, x, trail, s.decay)
     s.x = x
     return s.y
+
+
+def _pack(values: Values, dt: float) -> Floats:
+    return np.array([values["tau"][0], values["held"][0] * dt])
+
+
+def _lead(p: Floats) -> tuple[float, float]:
+    """Return the lag of a steady ramp at the samples [s], and 0."""
+    tau, hold = p
+    if hold == 0.0:
+        return tau, 0.0
+    decay = math.exp(-hold / tau)
+    return hold * decay / (1.0 - decay), 0.0
 
 
 def _start(p: Floats, s: Floats, x: float) -> None:
@@ -47,12 +71,13 @@ KIND = Kind(
     name="lag",
     says="a first-order lag",
     places=("drive", "stage", "sensor"),
-    params=(Param("tau_s", "tau", "s", 1e-9, 100.0, "time constant"),),
+    params=(Param("tau_s", "tau", "s", 1e-9, 100.0, "time constant"), HELD),
     packed=PACKED,
     state=STATE,
     step=step,
+    pack=_pack,
     start=_start,
-    inverse=Led(lambda p: (p[0], 0.0)),
+    inverse=Led(_lead),
 )
 
 
@@ -99,7 +124,6 @@ class Lag(Candidate):
         return (0.7 * theta[0], 0.3 * theta[0])
 
     def _pass(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
-        x = ahead(data, x)
         for tau in theta:
             x = lowpass(x, data.dt / tau, data.starts, data.stepped)
         return x
@@ -115,8 +139,8 @@ class Lag(Candidate):
         return [Probe(float(tau), (float(tau),)) for tau in taus]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        lags = (Block("lag", self.place, {"tau_s": float(tau)}) for tau in theta)
-        return (*lead_before(data, self.place), *lags)
+        held = held_key(data)
+        return tuple(Block("lag", self.place, {"tau_s": float(tau), **held}) for tau in theta)
 
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         tau = sum(v for v, _ in values.values())
@@ -161,15 +185,16 @@ class Servo(Candidate):
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
         w = 2 * np.pi * theta[0] * data.dt
-        return second_order(ahead(data, x), w, theta[1], data.starts, data.stepped)
+        return second_order(x, w, theta[1], data.starts, data.stepped)
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         params: dict[str, float | tuple[float, ...]] = {
             "frequency_hz": float(theta[0]),
             "damping": float(theta[1]),
             "share": 1.0,
+            **held_key(data),
         }
-        return (*lead_before(data, "sensor"), Block("resonance", "sensor", params))
+        return (Block("resonance", "sensor", params),)
 
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         f, z = values["corner_hz"][0], values["damping"][0]

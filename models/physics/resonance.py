@@ -1,6 +1,7 @@
 """One mechanical mode: y = (1 - share) x + share q,  q'' + 2 z w q' + w^2 q = w^2 x.
 
-The form is exact for an input that is linear between the samples, for any damping z.
+The form is exact for an input that is linear between the samples, or held (`kind.HELD`), for any
+damping z.
 """
 
 import math
@@ -14,15 +15,25 @@ from numba import njit
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
-from dehyst.models.physics.delay import ahead, lead_before
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import SAME, STATES, Kind, Led, Param, head_record
+from dehyst.models.physics.kind import (
+    HELD,
+    SAME,
+    STATES,
+    Kind,
+    Led,
+    Param,
+    Values,
+    head_record,
+    held_key,
+)
 from dehyst.models.signals.filters import free_decay, second_order, second_order_step
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.peaks import peaks
 from dehyst.models.signals.periodic import fastest_hz
 
-PACKED = fields("frequency", "damping", "share")
+# hold [s]: 0 where the input moves in straight lines
+PACKED = fields("frequency", "damping", "share", "hold")
 # displacement and speed of the mode, previous input; dt of the decay, and the free decay over dt as
 # a 2 x 2 matrix: (e, e') after = M (e, e') before
 MODE = ("q", "speed", "x", "dt", "m11", "m12", "m21", "m22")
@@ -35,17 +46,19 @@ largest factor from sample to sample of an alternating drive
 
 
 @njit(cache=True, nogil=True)
-def move_mode(s: Any, frequency: float, damping: float, x: float, dt: float) -> None:
-    """Advance a mode, a record with the fields MODE, by dt to the input x."""
+def move_mode(s: Any, frequency: float, damping: float, x: float, dt: float, held: bool) -> None:
+    """Advance a mode, a record with the fields MODE, by dt to the input x, along a straight line or
+    (held) at x all the time."""
     if dt > 0.0:
         w, z = 2.0 * math.pi * frequency, damping
         if abs(dt - s.dt) > SAME * dt:
             s.dt = dt
             s.m11, s.m12, s.m21, s.m22 = free_decay(w, z, dt)
-        ramp = (x - s.x) / dt
+        before = x if held else s.x
+        ramp = (x - before) / dt
         shift = 2.0 * z / w * ramp
         decay = (s.m11, s.m12, s.m21, s.m22)
-        s.q, s.speed = second_order_step(s.q, s.speed, s.x, x, ramp, shift, decay)
+        s.q, s.speed = second_order_step(s.q, s.speed, before, x, ramp, shift, decay)
     s.x = x
 
 
@@ -55,33 +68,46 @@ def step(
 ) -> float:
     """Forward."""
     p, s = record(p_at, PACKED), record(s_at, STATE)
-    move_mode(s, p.frequency, p.damping, x, dt)
+    move_mode(s, p.frequency, p.damping, x, dt, p.hold > 0.0)
     return (1.0 - p.share) * x + p.share * s.q
 
 
+def _pack(values: Values, dt: float) -> Floats:
+    own = [values[name][0] for name in ("frequency", "damping", "share")]
+    return np.array([*own, values["held"][0] * dt])
+
+
 def _lead(p: Floats) -> tuple[float, float]:
-    frequency, damping, share = p
-    w = 2.0 * np.pi * frequency
+    """Return the factors of the series of 1 / (1 - share + share mode): a hold is ahead of straight
+    lines by half of it."""
+    frequency, damping, share, hold = p
+    w, half = 2.0 * np.pi * frequency, 0.5 * hold
     a1 = 2.0 * damping / w
-    return share * a1, share * share * a1 * a1 - share * (a1 * a1 - 1.0 / (w * w))
+    first = share * (a1 - half)
+    second = share * (a1 * a1 - 1.0 / (w * w) - a1 * half + 2.0 / 3.0 * half * half)
+    return first, first * first - second
 
 
 @Kernel
 def solve(
     p_at: int, n_p: int, s_at: int, n_s: int, y: float, t: float, dt: float, ch: float
 ) -> float:
-    """Inverse: return the input x for which a line from the previous input to x makes the output y.
-    The mode has a separate state, unaffected by limits of the drive. It is used where `_is_solved`
-    holds."""
+    """Inverse: return the input x for which a line from the previous input to x, or x held, makes
+    the output y. The mode has a separate state, unaffected by limits of the drive. It is used where
+    `_is_solved` holds."""
     p, s = record(p_at, PACKED), record(s_at + UNDOING, STATE)
     x = y
     if dt > 0.0:
         w, z = 2.0 * math.pi * p.frequency, p.damping
         m11, m12, _, _ = free_decay(w, z, dt)
-        turn = (2.0 * z / w * (m11 - 1.0) - m12) / dt  # response of q - x to a rise of the line
-        free = m11 * (s.q - s.x) + m12 * s.speed
-        x = (y + p.share * (turn * s.x - free)) / (1.0 + p.share * turn)
-    move_mode(s, p.frequency, p.damping, x, dt)
+        if p.hold > 0.0:
+            free = m11 * s.q + m12 * s.speed
+            x = (y - p.share * free) / (1.0 - p.share * m11)
+        else:
+            turn = (2.0 * z / w * (m11 - 1.0) - m12) / dt  # response of q - x to a rise of the line
+            free = m11 * (s.q - s.x) + m12 * s.speed
+            x = (y + p.share * (turn * s.x - free)) / (1.0 + p.share * turn)
+    move_mode(s, p.frequency, p.damping, x, dt, p.hold > 0.0)
     return x
 
 
@@ -114,7 +140,9 @@ KIND = Kind(
         Param("frequency_hz", "frequency", "Hz", 1e-3, 1e6, "natural frequency"),
         Param("damping", "damping", "", 1e-6, 10.0, "damping ratio"),
         Param("share", "share", "", 0.0, 1.0, "part of the stroke that the mode carries"),
+        HELD,
     ),
+    pack=_pack,
     packed=PACKED,
     state=STATE,
     step=step,
@@ -210,7 +238,6 @@ class Resonance(Candidate):
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
         f, z, share = theta
-        x = ahead(data, x)
         mode = second_order(x, 2 * np.pi * f * data.dt, z, data.starts, data.stepped)
         return (1.0 - share) * x + share * mode
 
@@ -224,8 +251,8 @@ class Resonance(Candidate):
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         f, z, share = (float(v) for v in theta)
-        mode = Block("resonance", "stage", {"frequency_hz": f, "damping": z, "share": share})
-        return (*lead_before(data, "stage"), mode)
+        own = {"frequency_hz": f, "damping": z, "share": share, **held_key(data)}
+        return (Block("resonance", "stage", dict(own)),)
 
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         f, z = values["frequency_hz"][0], values["damping"][0]

@@ -38,7 +38,6 @@ class Data:
     early: float = 0.0  # samples by which the drive is shifted to earlier times than recorded
     rows_early: int = 0  # the same, shifted in the recordings before anything else
     stepped: bool = False  # input of lags and modes: zero-order hold instead of linear
-    led: bool = False  # input of lags and modes: linear, half a sample earlier
     missing: int = 0  # samples of the grid without a reading
     repeats: int = 0  # samples that repeat the previous reading of a gauge polled too fast
     frozen: int = 0  # samples of a gauge that is stuck or at its limit

@@ -6,8 +6,8 @@ from dehyst.models.signals.joined import Data, Floats
 
 
 def peaks(data: Data, residual: Floats, count: int = 2) -> list[float]:
-    """Return the frequencies [Hz] of the highest peaks of the residual's smoothed spectrum,
-    relative to its median, weighted by the length of the stretch."""
+    """Return the frequencies [Hz] of the highest peaks of the smoothed spectra of the residual's
+    stretches."""
     best: list[tuple[float, float]] = []
     for p in np.unique(data.part):
         e = residual[data.part == p]
@@ -18,11 +18,9 @@ def peaks(data: Data, residual: Floats, count: int = 2) -> list[float]:
         m = spectrum.size // group
         smooth = spectrum[: m * group].reshape(m, group).mean(axis=1)
         f = (np.arange(m) + 0.5) * group / (e.size * float(data.dt[data.part == p][0]))
-        floor = np.median(smooth) + 1e-30
-        local = smooth / floor
         inner = np.arange(3, m - 2)
         top = inner[(smooth[inner] >= smooth[inner - 1]) & (smooth[inner] >= smooth[inner + 1])]
-        best += [(float(local[i] * e.size), float(f[i])) for i in top]
+        best += [(float(smooth[i]), float(f[i])) for i in top]
     best.sort(reverse=True)
     out: list[float] = []
     for _, f in best:

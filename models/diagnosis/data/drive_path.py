@@ -15,13 +15,14 @@ from dehyst.models.signals.drive_segments import (
     find_one_period,
     repeats_one_loop,
 )
-from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.joined import Data, Floats, Ints
 from dehyst.models.signals.periodic import fundamental_hz
 
 LOOKED_AT = 4000  # samples of a part that are used to count its turns
 LONG = 0.1  # of the range: a turn counts after a longer move
 PIECES = 50  # of a part, in each of which the drive moves or rests
-STILL = 0.02  # of the range: largest move in a piece at rest; one triangle moves twice as far
+STILL = 0.02  # of the range: largest move in a piece at rest; one triangle moves twice as far; of
+# the rms move from sample to sample: largest one at rest
 STILL_FOR = 0.2  # of all pieces, at rest
 SAME_HZ = 0.01  # largest relative difference of the frequencies of one loop
 SURELY = 4.0  # standard deviations, plus
@@ -86,6 +87,25 @@ def count_distinct_places(data: Data) -> int:
     return int(np.unique(np.round(near / step), axis=0).shape[0])
 
 
+def count_distinct_moments(data: Data) -> int:
+    """Return the number of distinct moments of the drive's path: each place with the number of
+    samples for which the drive has rested there. A memory of the path has one value in a rest, at
+    however many moments it is read."""
+    step = SAME_PLACE * data.span
+    near = np.column_stack([np.roll(data.u, 1), data.u, np.roll(data.u, -1)]) / step
+    moments = np.column_stack([near, count_rested_samples(data)])[data.rows]
+    return int(np.unique(np.round(moments), axis=0).shape[0])
+
+
+def count_rested_samples(data: Data) -> Ints:
+    """Return (N,) for how many samples the drive has rested: moved by a small part of what it moves
+    by from sample to sample otherwise, however densely it is sampled."""
+    step = np.where(data.starts, 0.0, np.diff(data.u, prepend=data.u[0]))
+    moved = np.abs(step) > STILL * np.sqrt(np.mean(step**2))
+    at = np.arange(data.n)
+    return at - np.maximum.accumulate(np.where(moved | data.starts, at, 0))
+
+
 def is_moving_against_drive(data: Data, noise: float) -> bool:
     """Return whether the displacement moves against the drive where the drive's path rises, or
     falls, from one sample to the next: no hysteresis of any class does that, and late effects do.
@@ -118,11 +138,17 @@ def has_long_rest(data: Data) -> bool:
     return float(np.mean(still)) > STILL_FOR
 
 
+def has_rests(data: Data) -> bool:
+    """Return whether the drive rests, again and again, for some samples each time: what the reading
+    does meanwhile is no memory of the drive's path."""
+    return float(np.mean(count_rested_samples(data) >= TUNING.settling)) > STILL_FOR
+
+
 def can_be_distinguished(candidate: Candidate, data: Data) -> bool:
     """Return whether a candidate can be distinguished from the loop of a drive that hardly
     reverses."""
     if candidate.driven:
-        return False
+        return not candidate.static and has_rests(data)
     if candidate.channel and count_turns(data, data.channels[candidate.channel]) >= TUNING.few:
         return True
     return has_long_rest(data) if candidate.slow or candidate.channel else True

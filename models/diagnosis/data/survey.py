@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dehyst.models.diagnosis.data.drive_path import has_few_turns, has_long_rest
+from dehyst.models.diagnosis.data.drive_path import has_few_turns, has_long_rest, has_rests
 from dehyst.models.diagnosis.data.noise import quantum
 from dehyst.models.diagnosis.result import DataQuality
 from dehyst.models.physics.candidate import format_length
@@ -100,8 +100,11 @@ def survey(
     if has_few_turns(data):
         slow = "" if has_long_rest(data) else ", and no slow change,"
         said.append(
-            f"the drive hardly reverses: nothing that it causes{slow} can be distinguished from "
-            "the loop"
+            "the drive hardly reverses: of what it causes, only what its rests show can be "
+            "distinguished from the loop"
+            if has_rests(data)
+            else f"the drive hardly reverses: nothing that it causes{slow} can be distinguished "
+            "from the loop"
         )
     left_out = int(np.count_nonzero(data.heads))
     if left_out > 0:
@@ -128,7 +131,7 @@ def survey(
     if fitted.stepped:
         said.append(
             "lags and modes lead by half a sample, because each command is held, not ramped; the "
-            "diagnosis accounts for this"
+            "diagnosis and the model that it writes account for this"
         )
     if len(data.names) == 1:
         said.append("one recording only: nothing was held out on another waveform")

@@ -96,9 +96,8 @@ def distribute_share(findings: Sequence[Finding], removed: float) -> list[Findin
 
 
 def sort_by_strength(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings strongest first, with the shape after the physics. A cause can be acted
-    upon; the shape is what the model's own class could not follow in addition."""
-    return sorted(findings, key=lambda f: (f.name == "shape", -f.share))
+    """Return the findings strongest first; of equal share, as they were given."""
+    return sorted(findings, key=lambda f: -f.share)
 
 
 def _in_units(key: str, units: dict[str, str]) -> str:

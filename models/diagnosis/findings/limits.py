@@ -75,7 +75,7 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
 
     def tightest(some: Sequence[Candidate]) -> Limit | None:
         # late effects replace each other there
-        if problem.has_few_distinct_places and some[0].late:
+        if problem.has_few_distinct_moments and some[0].late:
             return Guess(some[0], None).limit(None) if hidden else None
         ring = some[0].free_oscillation(some[0].probes(problem.data)[0].theta)
         if problem.is_single_loop and ring:  # its ring is locked to the loop

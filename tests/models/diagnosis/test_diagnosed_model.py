@@ -12,6 +12,8 @@ from tests.rigs.plants.hysteresis import maxwell_slip
 from dehyst.models import modelfile
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis
+from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.diagnosed_model import THRESHOLDS, fit_plain_model
 from dehyst.models.errors import BadInput
 from dehyst.models.identify import Options, identify
 from dehyst.models.model import Block, Hysteresis, Model, Validity
@@ -154,3 +156,17 @@ def test_a_model_of_another_stage_is_reported_first() -> None:
     assert d.before_after[0] > 1.0
     with pytest.raises(BadInput, match="mrad"):
         diagnose_without_limits(given, replace(other, displacement_unit="mrad"))
+
+
+def test_two_levels_give_no_loop_to_a_play_that_they_do_not_show() -> None:
+    """Between two levels a square wave shows nothing: there the plain fit goes straight."""
+    t = np.arange(4000) * DT
+    u = np.where((np.arange(t.size) // 200) % 2 > 0, 8.0, 2.0) * (t > 0.2)
+    noise = NOISE_UM * np.random.default_rng(2).standard_normal(t.size)
+    data = prepare([Recording(t, u, maxwell_slip(np.random.default_rng(4))(u) + noise)])
+    model = fit_plain_model(data, THRESHOLDS * data.span)
+    assert np.all(model.hysteresis.b > -0.01 * model.hysteresis.b.sum())
+    way = np.linspace(0.0, 8.0, 200)
+    y = simulate(model, DT, np.concatenate([way, way[::-1]]))
+    assert np.all(np.diff(y[:200]) > 0.0)
+    assert np.abs(y[:200] - np.interp(way, [0.0, 8.0], y[[0, 199]])).max() < 0.1 * np.ptp(y)

@@ -54,6 +54,15 @@ def test_a_step_and_a_hold_tell_a_slow_change_too() -> None:
     assert {"drift-trend", "creep-earlier", "drift-temp_c"} <= reported(data)
 
 
+def test_a_staircase_tells_what_the_drive_causes_in_its_rests() -> None:
+    """It reverses once: static causes look like a part of the loop, rests and all."""
+    data = recorded(np.round(TRIANGLE))
+    assert has_few_turns(data)
+    keys = reported(data)
+    assert {"resonance", "lag-drive", "creep", "delay"} <= keys
+    assert not {c.key for c in list_candidates(data) if c.driven and c.static} & keys
+
+
 def test_one_loop_again_and_again_is_distinguished_from_inner_loops_and_from_two_frequencies() -> (
     None
 ):

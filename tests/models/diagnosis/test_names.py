@@ -12,6 +12,7 @@ from dehyst.models import modelfile
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.findings.decide import report_unknown, sort_by_strength
 from dehyst.models.diagnosis.result import Limit
 from dehyst.models.errors import BadRecording
 from dehyst.models.physics.clip import Clip
@@ -190,7 +191,17 @@ def test_structure_outside_the_library_is_not_given_a_name() -> None:
         out.append(Recording(r.t_s, r.drive, y, channels=r.channels, name=r.name))
     d = diagnose_without_limits(out)
     assert d.verdict in ("unknown", "partly")
-    assert d.findings[-1].name == "unknown"
+    assert "unknown" in {f.name for f in d.findings}
+
+
+def test_effects_stand_in_the_order_of_their_shares() -> None:
+    """The loop of this class is more of the misfit than the coupling, and neither waits for it."""
+    effects = found("coupling").to_dict()["effects"]
+    assert [e["name"] for e in effects] == ["shape", "coupling"]
+    assert effects[0]["share"] > effects[1]["share"]
+    rest = report_unknown(0.1, 0.5, {}, "um")
+    ranked = sort_by_strength([*found("coupling").findings, rest])
+    assert [f.name for f in ranked] == ["shape", "unknown", "coupling"]
 
 
 def test_result_is_json_by_contract() -> None:

@@ -87,14 +87,15 @@ def test_a_mode_that_carries_all_of_it_is_led() -> None:
     ratio=st.floats(1e-3, 2.0),
     damping=st.floats(1e-4, 2.0),
     share=st.floats(0.0, 1.0),
+    held=st.booleans(),
     seed=st.integers(0, 99),
 )
 def test_where_it_is_undone_exactly_no_target_makes_it_grow(
-    ratio: float, damping: float, share: float, seed: int
+    ratio: float, damping: float, share: float, held: bool, seed: int
 ) -> None:
     """ratio: frequency times the period. White targets of 1: bounded by what rings in 0.5 s."""
     dt = 1e-2
-    p = np.array([ratio / dt, damping, share])
+    p = np.array([ratio / dt, damping, share, held * dt])
     if not resonance.KIND.inverse.is_solved(p, dt):  # type: ignore[union-attr]
         return
     state = np.zeros(24)

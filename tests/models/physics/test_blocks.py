@@ -78,6 +78,34 @@ def test_resonance_is_the_exact_filter(damping: float, share: float) -> None:
     assert np.allclose(got, (1 - share) * x + share * mode, atol=1e-7)
 
 
+@pytest.mark.parametrize(("tau", "damping", "share"), [(1e-4, 0.01, 1.0), (3e-3, 3.0, 0.3)])
+def test_a_held_input_is_filtered_exactly(tau: float, damping: float, share: float) -> None:
+    """Each value is there from the sample before on."""
+    t, x = _signal()
+    held, w = np.append(x[1:], x[-1]) - x[0], 2 * np.pi * 150.0
+    want = signal.lsim(([1.0], [tau, 1.0]), held, t, interp=False)[1] + x[0]
+    assert np.allclose(KINDS["lag"].forward(x, t, tau=tau, held=1.0), want, atol=1e-9)
+    system = ([w * w], [1.0, 2 * damping * w, w * w])
+    mode = signal.lsim(system, held, t, interp=False)[1] + x[0]
+    got = KINDS["resonance"].forward(x, t, frequency=150.0, damping=damping, share=share, held=1.0)
+    assert np.allclose(got, (1 - share) * x + share * mode, atol=1e-7)
+
+
+@pytest.mark.parametrize("tau", [2e-4, 1e-3, 20e-3])
+def test_a_held_ramp_lags_as_the_inverse_leads(tau: float) -> None:
+    dt = 1e-3
+    t = dt * np.arange(400)
+    kind = KINDS["lag"]
+    p, _ = kind.numbers({"tau": np.array([tau]), "held": np.array([1.0])}, dt)
+    behind = t - kind.forward(t, t, tau=tau, held=1.0)
+    assert behind[-1] == pytest.approx(kind.inverse.lead(p)[0], abs=1e-9)
+
+
+def test_an_input_is_held_or_not() -> None:
+    with pytest.raises(BadModel, match=r"held: a whole number is needed, not 0.5"):
+        check_block(Block("lag", "drive", {"tau_s": 1e-3, "held": 0.5}), "v", "um")
+
+
 def test_linear_blocks_take_uneven_times() -> None:
     t, x = _signal()
     t_fine = np.arange(0, t[-1], 1e-4)

@@ -73,7 +73,8 @@ def examples(name: str, data) -> list[Block]:
     for one in physics.specimens.values():
         out += {(b.kind, b.place): b for b in reversed(one.variants(SCALES))}.values()
     for candidate in physics.candidates(data):
-        out += candidate.blocks(*strength(candidate, data), data)
+        for fed in (data, replace(data, stepped=True)):
+            out += candidate.blocks(*strength(candidate, data), fed)
     return out
 
 

@@ -205,7 +205,115 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/models/diagnosis/test_rests.py",),
+        Change(
+            "a-rest-is-one-place",
+            "models/diagnosis/fit.py",
+            "return count_distinct_moments(self.data)",
+            "return count_distinct_places(self.data)",
+            "a mode that rings after steps is unknown, or hum",
+            tests=(
+                "tests/models/diagnosis/test_rests.py::test_a_mode_that_rings_after_steps_alone_is_named",
+            ),
+        ),
+        Change(
+            "dense-samples-rest",
+            DRIVE_PATH,
+            "STILL * np.sqrt(np.mean(step**2))",
+            "SAME_PLACE * data.span",
+            "a slow drive that is sampled densely counts as at rest",
+            tests=(
+                "tests/models/diagnosis/test_rests.py::test_the_moments_of_a_rest_are_counted_and_its_place_once",
+            ),
+        ),
+        Change(
+            "fed-as-before-the-effects",
+            SEARCHED,
+            "    if other is not fed[0]:",
+            "    if False:",
+            "of a reading that is a row late, a part remains after each step",
+            tests=(
+                "tests/models/diagnosis/test_rests.py::test_the_written_model_predicts_other_steps_and_a_sine",
+            ),
+        ),
+        Change(
+            "a-delay-stays-with-the-other-hold",
+            "models/physics/delay.py",
+            "min(max(theta[0] + ahead_s, delay.low)",
+            "min(max(theta[0] - ahead_s, delay.low)",
+            "a mode read a row late is written with straight lines between held commands",
+            tests=(
+                "tests/models/diagnosis/test_rests.py::test_the_written_model_predicts_other_steps_and_a_sine",
+            ),
+        ),
+        Change(
+            "the-quietest-peak",
+            "models/signals/peaks.py",
+            "best += [(float(smooth[i]), float(f[i])) for i in top]",
+            "best += [(float(smooth[i] / np.median(smooth)), float(f[i])) for i in top]",
+            "a mode is not looked for where another recording is quiet",
+            tests=("tests/models/signals/test_peaks.py",),
+        ),
+    ),
+    *room(
+        ("tests/models/physics/test_blocks.py",),
+        Change(
+            "a-held-lag-goes-straight",
+            "models/physics/lag.py",
+            "before = x if p.hold > 0.0 else s.x",
+            "before = s.x",
+            "a model of held commands misses the readings after each step",
+        ),
+        Change(
+            "a-held-mode-goes-straight",
+            MODE,
+            "before = x if held else s.x",
+            "before = s.x",
+            "a model of held commands rings half a sample late",
+        ),
+        Change(
+            "a-held-lag-leads-as-a-straight-one",
+            "models/physics/lag.py",
+            "    if hold == 0.0:\n",
+            "    if True:\n",
+            "the inverse leads held commands by half a sample too much",
+        ),
+    ),
+    *room(
+        ("tests/models/diagnosis/test_diagnosed_model.py",),
+        Change(
+            "any-loop-between-two-levels",
+            "models/diagnosis/diagnosed_model.py",
+            "UNRECORDED = 1e-8",
+            "UNRECORDED = 0.0",
+            "a model from a square wave is off by a tenth of the stroke between its levels",
+            tests=(
+                "tests/models/diagnosis/test_diagnosed_model.py::test_two_levels_give_no_loop_to_a_play_that_they_do_not_show",
+            ),
+        ),
+    ),
+    *room(
+        ("tests/models/diagnosis/test_names.py",),
+        Change(
+            "physics-before-its-share",
+            "models/diagnosis/findings/decide.py",
+            "key=lambda f: -f.share)",
+            'key=lambda f: (f.name in ("shape", "unknown"), -f.share))',
+            "the strongest effect does not stand first",
+            tests=(
+                "tests/models/diagnosis/test_names.py::test_effects_stand_in_the_order_of_their_shares",
+            ),
+        ),
+    ),
+    *room(
         ("tests/models/diagnosis/test_drive_path.py",),
+        Change(
+            "a-staircase-tells-nothing",
+            DRIVE_PATH,
+            "return not candidate.static and has_rests(data)",
+            "return False",
+            "a mode that rings in the rests of a staircase is unknown",
+        ),
         Change(
             "one-triangle-tells-all",
             DRIVE_PATH,
@@ -330,6 +438,26 @@ CHANGES = [
     ),
     *room(
         ("tests/models/diagnosis/test_written_model.py",),
+        Change(
+            "fed-by-steps-and-written-without",
+            "models/physics/kind.py",
+            'return {"held": 1.0} if data.stepped else {}',
+            "return {}",
+            "a written model of held commands is not the one that was judged",
+            tests=(
+                "tests/models/diagnosis/test_written_model.py::test_a_mode_behind_held_commands_is_written_as_it_was_fitted",
+            ),
+        ),
+        Change(
+            "a-reach-that-no-model-has",
+            HANDOUT,
+            "            if bounded and not is_within_reach(model, data):",
+            "            if not is_within_reach(model, data):",
+            "no effect is written where the model in use itself leaves the range",
+            tests=(
+                "tests/models/diagnosis/test_written_model.py::test_a_model_in_use_that_leaves_the_range_does_not_keep_a_better_one_back",
+            ),
+        ),
         Change(
             "written-model-claims-nothing",
             "models/diagnosis/steps.py",
@@ -518,7 +646,7 @@ CHANGES = [
         Change(
             "each-place-its-own-value",
             SEARCHED,
-            "    if problem.has_few_distinct_places:\n",
+            "    if problem.has_few_distinct_moments:\n",
             "    if False:\n",
             "a base with a value per place explains a delay away",
         ),

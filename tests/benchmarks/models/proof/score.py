@@ -85,7 +85,7 @@ def score(truth: Truth, said: dict[str, Any], rig: Rig) -> dict[str, Any]:
     spurious = [n for n in physics if n not in fair]
     if not truth.bent:
         spurious += [n for n in names if n in SHAPES]
-    first = next((n for n in names if n not in SHAPES), names[0] if names else "")
+    first = next(iter([*physics, *names]), "")
     got = [h.name for h in asked if _named(h, names, ties)]
     return {
         "asked": [h.name for h in asked],
