@@ -74,7 +74,8 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
             "it, a column for each channel"
         )
     if left := [name for name in left if name not in used]:
-        found.said.append(f"without numbers and left out: {', '.join(left[:5])}")
+        names = ", ".join(name[:40] for name in left[:5])
+        found.said.append(f"without numbers and left out: {names}")
     return found
 
 
@@ -142,7 +143,7 @@ def of_one_length(
         )
     needed = _named_in(found, named) or _first_of_each(found, needs)
     if len({c.values.size for c in needed}) > 1 and (named or not runs):
-        them = " and ".join(f"'{c.heading}' of {c.values.size} rows" for c in needed[:3])
+        them = " and ".join(f"'{c.heading[:40]}' of {c.values.size} rows" for c in needed[:3])
         raise BadRecording(
             f"{name}: {them} do not belong together row by row: bring them to one rate, and write "
             "them to one file with one column of times"
@@ -151,7 +152,9 @@ def of_one_length(
     left = [c.heading for c in found.columns if c.values.size != size]
     found.columns = [c for c in found.columns if c.values.size == size]
     found.said.append(
-        f"of another length and left out: {', '.join(left[:5])}{', ...' * (len(left) > 5)}"
+        "of another length and left out: "
+        + ", ".join(heading[:40] for heading in left[:5])
+        + ", ..." * (len(left) > 5)
     )
     return found
 

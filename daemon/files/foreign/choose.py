@@ -134,7 +134,7 @@ def _lacking(columns: Sequence[Column], left: Sequence[int], roles: Sequence[str
 
 def describe_column(column: Column) -> str:
     text = f"'{column.heading[:40]}'" if column.heading else f"column {column.number}"
-    return text + (f" ({column.unit.strip('[](){}')})" if column.unit else "")
+    return text + (f" ({column.unit.strip('[](){}')[:24]})" if column.unit else "")
 
 
 def path_of(heading: str) -> list[str]:

@@ -188,7 +188,7 @@ def fill(
             if value is None:
                 raise _no_number(name, layout, j, where(place), row[j])
             part.append(value)
-            if not clocks and not isinstance(row[j], int | float):
+            if not clocks and j < size and not isinstance(row[j], int | float):
                 clock[j] = moment_of(str(row[j]).strip(" \"'")) is not None
         clocks = 1
         places.append(place)
@@ -272,7 +272,7 @@ def note_form(found: Sheet, layout: GridLayout, texts: int) -> None:
         lines = "1 line" if len(layout.notes) == 1 else f"{len(layout.notes)} lines"
         found.said.append(f"{lines} before the headings kept as notes")
     left = [
-        f"'{layout.headings[j]}'" if layout.headings[j] else f"column {j}"
+        f"'{layout.headings[j][:40]}'" if layout.headings[j] else f"column {j}"
         for j in range(layout.width)
         if not layout.numeric[j]
         and not (layout.late[j] and layout.headings[j].lower() in AT_THE_RIGHT)

@@ -58,7 +58,7 @@ def kind_of_zip(path: Path) -> str:
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
-    except (OSError, ValueError, zipfile.BadZipFile):
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
         return ".zip"
     if "mimetype" in names:  # a document of LibreOffice
         return ""

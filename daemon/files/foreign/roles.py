@@ -75,7 +75,8 @@ _PLAIN = re.compile(rf"(?:(t)_s|(u|y|target)_(?:{'|'.join(UNIT_NAMES)}))")
 def words_of(name: str) -> set[str]:
     """Return the words of a heading in lower case: "driveVoltage" gives "drive", "voltage". The
     name of a list says nothing about its members: "exp.Y.0.Data" gives "exp", "data"."""
-    single = re.sub(r"[^./]+\.\d+\.", "", name.rpartition("/")[2] or name)
+    last = (name.rpartition("/")[2] or name)[: LONGEST_HEADING + 1]  # matching takes its square
+    single = re.sub(r"[^./]+\.\d+\.", "", last)
     apart = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", single)
     words = set(re.findall(r"[^\W\d_]+", apart.lower()))
     return words | {"spannung" for w in words if w.endswith("spannung")}

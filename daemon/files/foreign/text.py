@@ -150,10 +150,11 @@ def understand_text(
     layout.unclear = unclear
     layout.form = [f"separated by {word}"] if separator != "," else []
     _refuse_two_commas(name, layout, rows, separator)
-    cut = cut if len(lines) > 1 and _is_short(split(lines[-1]), split(lines[-2]), decimal) else 0
+    first = places[layout.first]
+    row_before = first < len(lines) - 1
+    cut = cut if row_before and _is_short(split(lines[-1]), split(lines[-2]), decimal) else 0
     if cut:
         lines.pop()
-    first = places[layout.first]
     found = _quickly(lines, first, layout, separator, decimal, split, above)
     if found is None:
         marked: list[int] = []
@@ -238,7 +239,7 @@ def _without_notes(
     for i in range(first, len(lines)):
         row = split(lines[i])
         if len(row) > layout.width and " #" in lines[i].strip():  # a remark behind the numbers
-            row = split(lines[i].partition(" #")[0])
+            row = split(lines[i].strip().partition(" #")[0])
         if lines[i].lstrip()[:1] in ("#", "%", "!") and not is_missing(row[0].strip()):
             refuse_other_headings(name, layout, row, f"line {above + i + 1}")
             cells = split(lines[i].lstrip("#%! \t"))

@@ -430,3 +430,17 @@ def test_a_set_point_may_be_the_drive(tmp_path: Path) -> None:
 def test_arrays_of_three_dimensions_are_named_as_such(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.stack([np.column_stack([T, U, Y])] * 4))
     assert "of more than two dimensions and left out" in asked(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize("end", ["", "\n"])
+def test_short_files_are_refused_in_one_short_line(tmp_path: Path, end: str) -> None:
+    """One row, cut or not; a first row without its last field; headings of a thousand letters."""
+    for text in (
+        "# ,a\n0,1e30",
+        "a,b\n1,2,\n3",
+        "t_s,u_v,y_um\n0,1",
+        f"t,{'u' * 999},b\n1,x,3\n2,x,4",
+    ):
+        path = tmp_path / "a.txt"
+        path.write_text(text + end)
+        assert len(asked(path)) < 1000

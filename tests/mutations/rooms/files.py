@@ -793,7 +793,7 @@ CHANGES += room(
     ),
     Change(
         "cut-line-is-a-row", TEXT,
-        "if len(lines) > 1 and _is_short(split(lines[-1]), split(lines[-2]), decimal) else 0",
+        "if row_before and _is_short(split(lines[-1]), split(lines[-2]), decimal) else 0",
         "if False else 0", "a file whose last line was cut is refused",
     ),
     Change(
