@@ -6,6 +6,7 @@ Everything else is the product's own code: the bounds, the answer and its evalua
 """
 
 import io
+import json
 import os
 import resource
 import signal
@@ -354,12 +355,44 @@ def parquet_seeds() -> tuple[bytes, ...]:
     )
 
 
+def json_seeds() -> tuple[bytes, ...]:
+    """Return columns, rows, rows by number, and a matrix next to its names, with gaps."""
+    rows = [dict(zip(COLUMNS, row, strict=True)) for row in zip(*COLUMNS.values(), strict=True)]
+    rows = [{key: float(value) for key, value in row.items()} for row in rows]
+    values: tuple[Any, ...] = (
+        {name: [float(v) for v in column] for name, column in COLUMNS.items()},
+        rows,
+        {name: {str(i): row[name] for i, row in enumerate(rows)} for name in COLUMNS},
+        {"columns": list(COLUMNS), "data": [list(row.values()) for row in rows], "fs": 1e3},
+        {"gap": [None, 1.0] * 15, "t": [f"12:00:{i:02d}" for i in range(30)], "a": {"b": [[1]]}},
+    )
+    return tuple(b"\0" + json.dumps(value).encode() for value in values)
+
+
+def feather_seeds() -> tuple[bytes, ...]:
+    """Return tables of both versions of the format."""
+    import pyarrow as pa
+    from pyarrow.feather import write_feather
+
+    table = pa.table({name: list(values) for name, values in COLUMNS.items()})
+    ways: tuple[dict[str, Any], ...] = (
+        {"version": 1},
+        {"version": 2, "compression": "uncompressed"},
+        {"version": 2, "compression": "zstd"},
+    )
+    return tuple(
+        b"\0" + _written("s.feather", lambda p, w=w: write_feather(table, p, **w)) for w in ways
+    )
+
+
 SEEDS: dict[str, Callable[[], tuple[bytes, ...]]] = {
     ".mat": mat_seeds,
     ".h5": hdf5_seeds,
     ".xlsx": xlsx_seeds,
     ".tdms": tdms_seeds,
     ".parquet": parquet_seeds,
+    ".feather": feather_seeds,
+    ".json": json_seeds,
 }
 WORDS: dict[str, tuple[bytes, ...]] = {
     ".mat": (b"\x0e\0\0\0", b"\x0f\0\0\0", b"\x05\0\4\0", b"MATLAB 7.3", b"\xff\xff\xff\x7f"),
@@ -370,6 +403,8 @@ WORDS: dict[str, tuple[bytes, ...]] = {
     ),
     ".tdms": (b"TDSm", b"\x69\x12\0\0", b"\xff" * 8, b"\x20\0\0\0", b"\x44\0\0\0", b"\0" * 8),
     ".parquet": (b"PAR1", b"\x15\x02", b"\x15\xfe\xff\xff\xff\x0f", b"\x80" * 9 + b"\1", b"\0" * 4),
+    ".feather": (b"ARROW1", b"FEA1", b"\xff\xff\xff\xff", b"\x10\0\0\0", b"\0" * 8),
+    ".json": (b"null", b"NaN", b"1e999", b"{}", b"[]", b'"t_s"', b'"12:00:01"', b"[[", b"9" * 400),
 }  # fmt: skip
 
 

@@ -186,7 +186,7 @@ def _columns(name: str, unit: str, array: Any) -> list[Column]:
     elif array.dtype.kind == "O":
         try:
             array = array.astype(np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             return []
     if array.dtype.kind not in "biuf":
         return []

@@ -5,6 +5,7 @@ import bz2
 import gzip
 import json
 import lzma
+import time
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from tests.rigs.foreign_files import asked, read
 
+from dehyst.daemon.files.foreign.roles import daq_side
 from dehyst.daemon.files.recordings import read_recordings, recording_of
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Recording
@@ -444,3 +446,18 @@ def test_short_files_are_refused_in_one_short_line(tmp_path: Path, end: str) -> 
         path = tmp_path / "a.txt"
         path.write_text(text + end)
         assert len(asked(path)) < 1000
+
+
+def test_a_heading_of_60000_letters_takes_no_seconds() -> None:
+    begin = time.process_time()
+    assert daq_side("AI0 " + "a.1" * 20000, "") == "in"
+    assert time.process_time() - begin < 1.0
+
+
+@pytest.mark.processes
+def test_numbers_too_large_for_any_float_are_left_out(tmp_path: Path) -> None:
+    columns = JSON["columns"] | {"serial": [10**400] * N}
+    (tmp_path / "a.json").write_text(json.dumps(columns))
+    found = read(tmp_path / "a.json")
+    is_it(found)
+    assert "without numbers and left out: serial" in found.read

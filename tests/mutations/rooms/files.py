@@ -834,6 +834,20 @@ CHANGES += room(
         "pass", "a column of row numbers is advised as the drive",
     ),
     Change(
+        "long-heading-takes-seconds", f"{FOREIGN}/roles.py",
+        "[: LONGEST_HEADING + 1]  # matching takes its square", "",
+        "a damaged file of 7 KB keeps a command busy for 8 s",
+    ),
+    Change(
+        "cut-row-is-all", TEXT, "row_before = first < len(lines) - 1", "row_before = True",
+        "a file of one row that was cut ends a command with a traceback",
+    ),
+    Change(
+        "large-number-ends-the-reader", f"{FOREIGN}/arrays.py",
+        "except (TypeError, ValueError, OverflowError):", "except (TypeError, ValueError):",
+        "a serial number of 400 digits makes a file unreadable",
+    ),
+    Change(
         "units-of-matlab-unread", f"{FOREIGN}/units.py", 'plain = plain.rstrip("_.") or plain',
         "pass", "'Voltage_mV_' is read as volts",
     ),
