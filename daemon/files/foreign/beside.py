@@ -70,8 +70,15 @@ def name_columns(columns: Sequence[Column], names: Sequence[str], units: Sequenc
 
 
 def unit_beside(heading: str, notes: Mapping[str, str]) -> str:
-    """Return the unit that a structure states beside its numbers, "" if it states none:
-    "rec.drive.unit" or "signals.0.label" ("Drive [mV]") for "rec.drive.data"."""
+    """Return the unit that a file states beside an array, "" if it states none: "units.drive" or
+    "drive_unit" for "drive", "rec.drive.unit" or "signals.0.label" ("Drive [mV]") for
+    "rec.drive.data"."""
+    group = group_of(heading)
+    own = heading[len(group) :]
+    for field in UNIT_FIELDS:  # "units.drive", "drive_unit"
+        for name in (f"{field}.{own}", f"{field}/{own}", f"{own}_{field}", f"{own}.{field}"):
+            if unit := notes.get(group + name, ""):
+                return unit
     beside = _notes_beside(heading, notes)
     if unit := next((beside[key] for key in UNIT_FIELDS if key in beside), ""):
         return unit

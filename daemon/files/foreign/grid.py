@@ -33,7 +33,7 @@ from dehyst.daemon.files.foreign.runs import (
     score,
 )
 from dehyst.daemon.files.foreign.stated_step import SAME_STEP, stated_step
-from dehyst.daemon.files.foreign.units import split_heading
+from dehyst.daemon.files.foreign.units import find_unit_key, split_heading
 from dehyst.models.errors import BadRecording
 
 TURNED = (
@@ -51,7 +51,8 @@ class GridLayout:
     numeric: which columns hold numbers; late: which of these were empty as far as was looked;
     notes: the preamble; step_s, start_s: stated by the preamble; decimal: the decimal mark;
     unclear: a field that leaves it open; header: the fields of the line with the headings; form:
-    what else is to be said of the form."""
+    what else is to be said of the form; unit_texts: columns that repeat in each row the unit of the
+    numbers to their left."""
 
     first: int
     width: int
@@ -66,6 +67,7 @@ class GridLayout:
     unclear: str = ""
     header: list[str] = field(default_factory=list)
     form: list[str] = field(default_factory=list)
+    unit_texts: dict[int, str] = field(default_factory=dict)
 
 
 def lay_out(
@@ -110,7 +112,11 @@ def lay_out(
         late[j] or numbers[j] > ((1 - MOSTLY_TEXT) * max(numbers) if texts[j] else 0)
         for j in range(width)
     ]
+    unit_texts = _units_in_rows(rows[first:], numeric)
+    for j, unit in unit_texts.items():
+        found.units[j - 1] = found.units[j - 1] or unit
     return GridLayout(
+        unit_texts=unit_texts,
         first=first,
         width=width,
         headings=apart(found.headings),
@@ -124,6 +130,17 @@ def lay_out(
         unclear=unclear,
         header=found.header,
     )
+
+
+def _units_in_rows(rows: Sequence[Row], numeric: Sequence[bool]) -> dict[int, str]:
+    """Return the unit in each column of texts that repeats one in every row, next to numbers."""
+    out = {}
+    for j in range(1, len(numeric)):
+        if not numeric[j] and numeric[j - 1]:
+            texts = {str(row[j]).strip() for row in rows if length_of(row) > j}
+            if texts and all(map(find_unit_key, texts)):
+                out[j] = min(texts)
+    return out
 
 
 def _numbers(
@@ -170,6 +187,12 @@ def fill(
             texts += any(v is None for v in numbers)
             refuse_other_headings(name, layout, row, where(place))
             continue
+        for j, unit in layout.unit_texts.items():
+            if j < size and str(row[j]).strip() != unit:
+                raise BadRecording(
+                    f"{name}: {where(place)}: the unit is {str(row[j]).strip()[:20]!r}, in other "
+                    f"lines {unit!r}: write all values of this column in one unit"
+                )
         if len(row) < needed or size > layout.width:
             there = "the headings are" if layout.header else "the other lines have"
             raise BadRecording(
@@ -275,6 +298,7 @@ def note_form(found: Sheet, layout: GridLayout, texts: int) -> None:
         f"'{layout.headings[j][:40]}'" if layout.headings[j] else f"column {j}"
         for j in range(layout.width)
         if not layout.numeric[j]
+        and j not in layout.unit_texts
         and not (layout.late[j] and layout.headings[j].lower() in AT_THE_RIGHT)
     ]
     if left and any(layout.headings):

@@ -9,7 +9,7 @@ import numpy as np
 
 from dehyst.daemon.files.csv_table import MOST_BYTES
 from dehyst.daemon.files.foreign.arrays import MOST_DEEP, MOST_WIDE, flattened, found_in
-from dehyst.daemon.files.foreign.beside import names_beside, period_in
+from dehyst.daemon.files.foreign.beside import names_beside
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet, text_of
 from dehyst.daemon.files.foreign.grid import LOOKED_AT, fill, lay_out
 from dehyst.daemon.files.foreign.text import understand_text
@@ -17,6 +17,13 @@ from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
 from dehyst.models.errors import BadRecording
 
 MOST_ROWS = 4_000_000
+UNIT_ATTRIBUTES = (
+    "unit", "units", "Unit", "Units", "unit_string", "UNIT", "NI_UnitDescription",
+)  # fmt: skip
+OF_LIBRARIES = ("MATLAB_", "DIMENSION_", "NI_", "wf_", "_")
+"""What the names of attributes begin with that libraries write for themselves."""
+LAYOUTS = {"pandas", "ARROW:schema", "huggingface", "geo"}
+"""Keys under which programs keep the layout of a table."""
 
 
 def read_mat(path: Path) -> Sheet:
@@ -58,7 +65,6 @@ def read_hdf5(path: Path) -> Sheet:
     notes: dict[str, str] = {}
     arrays: list[Given] = []
     objects: dict[str, str] = {}
-    stated: list[tuple[str, object]] = []
     size = 0
 
     def visit(given: str | bytes, item: Any) -> None:
@@ -71,6 +77,7 @@ def read_hdf5(path: Path) -> Sheet:
         if "MATLAB_object_decode" in item.attrs and kind not in ("", "function_handle"):
             objects[name] = kind
             return
+        notes.update(_remarks(name + "./"[isinstance(item, h5py.Group)], item.attrs))
         if not isinstance(item, h5py.Dataset):
             if deep:
                 item.visititems(lambda inner, one: take(f"{name}/{text_of(inner)}", one, deep))
@@ -79,7 +86,6 @@ def read_hdf5(path: Path) -> Sheet:
             return
         if item.attrs.get("MATLAB_empty", 0) or kind == "function_handle":
             return
-        stated.extend((text_of(key), _single(value)) for key, value in item.attrs.items())
         size += item.size * max(item.dtype.itemsize, 1)
         if size > MOST_BYTES:
             raise BadRecording(f"holds more than {MOST_BYTES >> 20} MB; cut it into several files")
@@ -114,11 +120,21 @@ def read_hdf5(path: Path) -> Sheet:
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
-        for key, value in file.attrs.items():
-            if isinstance(value, str | int | float | np.number):
-                notes[str(key)] = str(value)[:200]
-    found = _without_objects(found_in(arrays, notes), objects)
-    found.step_s = found.step_s or period_in(stated)
+        notes |= _remarks("", file.attrs)
+    return _without_objects(found_in(arrays, notes), objects)
+
+
+def _remarks(name: str, attributes: Any) -> dict[str, str]:
+    """Return the single texts and numbers in attributes, except those of the library and of MATLAB;
+    a unit in them may be that of a column."""
+    found = {}
+    for given, value in attributes.items():
+        one, key = _single(value), text_of(given)
+        if key in UNIT_ATTRIBUTES or key.isupper() or key.startswith(OF_LIBRARIES):
+            continue
+        if isinstance(one, str | bytes | int | float | np.number):
+            said = text_of(one) if isinstance(one, str | bytes) else str(one)
+            found[name + key] = said[:200]
     return found
 
 
@@ -153,7 +169,7 @@ def _text_in(attributes: Any, *names: str) -> str:
 
 
 def _unit_in(attributes: Any) -> str:
-    return _text_in(attributes, "unit", "units", "Unit", "Units", "unit_string", "UNIT")[:40]
+    return _text_in(attributes, *UNIT_ATTRIBUTES)[:40]
 
 
 def _number_in(attributes: Any, *names: str) -> float | None:
@@ -268,6 +284,7 @@ def read_tdms(path: Path) -> Sheet:
             size = 0
             for group in groups:
                 for channel in group.channels():
+                    notes.update(_remarks(f"{channel.name}.", channel.properties))
                     size += 8 * len(channel)
                     if size > MOST_BYTES:
                         raise BadRecording(f"holds more than {MOST_BYTES >> 20} MB")
@@ -281,7 +298,7 @@ def read_tdms(path: Path) -> Sheet:
                         starts.add(factor * start)
                     yield Given(name, channel[:], _unit_in(channel.properties))
 
-        found = found_in(channels(), notes)
+        found = found_in(list(channels()), notes)
     if len(steps) == 1 and len(starts) == 1:
         found.step_s, found.start_s = steps.pop(), starts.pop()
     elif steps:  # different ones, whatever else the file states
@@ -299,14 +316,22 @@ def read_parquet(path: Path) -> Sheet:
     table = file.read()
     while any(pyarrow.types.is_struct(field.type) for field in table.schema):
         table = table.flatten()
-    return found_in(_columns_of(table), {})
+    return _of_table(table)
 
 
 def read_feather(path: Path) -> Sheet:
     """Read a Feather file."""
     import pyarrow.feather
 
-    return found_in(_columns_of(pyarrow.feather.read_table(path)), {})
+    return _of_table(pyarrow.feather.read_table(path))
+
+
+def _of_table(table: Any) -> Sheet:
+    """Return the columns of a table of Arrow. What other programs write into its metadata, apart
+    from their own layouts, becomes notes."""
+    beside = {text_of(k): text_of(v)[:200] for k, v in (table.schema.metadata or {}).items()}
+    notes = {key: text for key, text in beside.items() if key not in LAYOUTS}
+    return found_in(_columns_of(table), notes)
 
 
 def read_netcdf(path: Path) -> Sheet:

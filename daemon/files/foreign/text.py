@@ -259,7 +259,7 @@ def _quickly(
     above: int,
 ) -> Sheet | None:
     """Read with numpy's own reader; return None if a row is not plain enough for it."""
-    if layout.unclear or any(":" in cell for cell in split(lines[first])):
+    if layout.unclear or layout.unit_texts or any(":" in cell for cell in split(lines[first])):
         return None
     kept = [j for j in range(layout.width) if layout.numeric[j]]
     filled = 1 + max((j for j in kept if not layout.late[j]), default=0)

@@ -58,7 +58,7 @@ SPELLED = {
     **dict.fromkeys(("minute", "minutes", "minuten"), "min"),
     **dict.fromkeys(("hour", "hours", "hr", "stunden"), "h"),
     **dict.fromkeys(("day", "days", "tag", "tage"), "d"),
-    **dict.fromkeys(("volt", "volts", "vdc", "v dc"), "v"),
+    **dict.fromkeys(("volt", "volts", "vdc", "v dc", "volt dc", "volts dc"), "v"),
     **dict.fromkeys(("å", "ångström", "ångstrom", "angstroms"), "angstrom"),
     **dict.fromkeys(("millivolt", "millivolts"), "mv"),
     **dict.fromkeys(("kilovolt", "kilovolts"), "kv"),

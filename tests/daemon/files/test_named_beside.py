@@ -291,6 +291,51 @@ def test_units_in_the_metadata_of_a_table(tmp_path: Path) -> None:
         is_it(read(tmp_path / name))
 
 
+ELSEWHERE = {"time": "ms", "drive": "mV", "position": "nm"}
+
+
+@pytest.mark.parametrize("form", ["units.{}", "{}_unit", "{}_units"])
+def test_units_by_the_names_of_the_columns(tmp_path: Path, form: str) -> None:
+    h5py = pytest.importorskip("h5py")
+    columns = dict(zip(NAMES, MATRIX.T, strict=True))
+    units = {form.format(name): unit for name, unit in ELSEWHERE.items()}
+    np.savez(tmp_path / "a.npz", **columns, **units)
+    is_it(read(tmp_path / "a.npz"))
+    nested = {"units": ELSEWHERE} if "." in form else units
+    savemat(tmp_path / "a.mat", {"rec": {**columns, **nested}})
+    is_it(read(tmp_path / "a.mat"))
+    for group in ("", "run/"):
+        with h5py.File(tmp_path / "a.h5", "w") as file:
+            for name, values in columns.items():
+                file[group + name] = values
+            file[group or "/"].attrs.update(units)
+        is_it(read(tmp_path / "a.h5"))
+
+
+def test_remarks_that_name_millivolts_are_heeded(tmp_path: Path) -> None:
+    """In an attribute of an array, in a property of a channel, in the metadata of a table."""
+    h5py, nptdms = pytest.importorskip("h5py"), pytest.importorskip("nptdms")
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    small = 10 * U
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, values in (("time", T), ("drive", small), ("position_nm", Y)):
+            file[name] = values
+        file["drive"].attrs["comment"] = "input of the amplifier in mV"
+    more = {"description": "input of the amplifier, mV", "wf_increment": 0.005}
+    with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
+        position = nptdms.ChannelObject("G", "position_nm", Y, {"wf_increment": 0.005})
+        writer.write_segment([nptdms.ChannelObject("G", "drive", small, more), position])
+    table = pyarrow.table({"time": T, "drive": small, "position_nm": Y})
+    parquet.write_table(
+        table.replace_schema_metadata({"note": "drive: mV"}), tmp_path / "a.parquet"
+    )
+    for name in ("a.h5", "a.tdms", "a.parquet"):
+        assert "add --drive-unit v, mv or kv" in asked(tmp_path / name)
+        np.testing.assert_allclose(read(tmp_path / name, drive_unit="mv").drive, small / 1e3)
+
+
 def test_lists_in_the_cells_of_a_table_are_columns(tmp_path: Path) -> None:
     pyarrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet

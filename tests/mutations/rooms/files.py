@@ -734,6 +734,15 @@ CHANGES += room(
         "a table of pandas with two blocks is asked for by number",
     ),
     Change(
+        "units-by-name-lost", BESIDE_ARRAYS, 'if unit := notes.get(group + name, ""):', "if False:",
+        "millivolts that 'drive_unit' states are read as volts",
+    ),
+    Change(
+        "remarks-of-attributes-lost", LIBRARIES,
+        'notes.update(_remarks(name + "./"[isinstance(item, h5py.Group)], item.attrs))', "pass",
+        "a drive is read as volts, although its own comment says mV",
+    ),
+    Change(
         "port-is-the-name", BESIDE_ARRAYS, "if part and not _PORT.fullmatch(part)]", "if part]",
         "the signals of a block diagram are all named Out1",
     ),
@@ -846,6 +855,14 @@ CHANGES += room(
         "large-number-ends-the-reader", f"{FOREIGN}/arrays.py",
         "except (TypeError, ValueError, OverflowError):", "except (TypeError, ValueError):",
         "a serial number of 400 digits makes a file unreadable",
+    ),
+    Change(
+        "unit-of-each-row-lost", GRID, "found.units[j - 1] = found.units[j - 1] or unit", "pass",
+        "millivolts that stand behind each value are read as volts",
+    ),
+    Change(
+        "unit-changes-unseen", GRID, "if j < size and str(row[j]).strip() != unit:", "if False:",
+        "values of an instrument that changed its range are off by a thousand",
     ),
     Change(
         "units-of-matlab-unread", f"{FOREIGN}/units.py", 'plain = plain.rstrip("_.") or plain',
