@@ -227,6 +227,21 @@ def _seconds(moments: Any) -> Any:
     return out
 
 
+def by_columns(value: Any) -> Any:
+    """Return nested values with columns in place of lists of rows: [{"t": 0, "u": 1}, ...] and
+    pandas' {"t": {"0": 0.0, "1": 0.1}} are {"t": [...], "u": [...]}."""
+    if isinstance(value, dict):
+        keys = list(value)
+        if len(keys) > 1 and keys == [str(i) for i in range(len(keys))]:
+            return by_columns(list(value.values()))
+        return {key: by_columns(inner) for key, inner in value.items()}
+    if isinstance(value, list) and len(value) > 1 and all(isinstance(row, dict) for row in value):
+        names = dict.fromkeys(key for row in value for key in row)
+        if all(not isinstance(row.get(key), dict | list) for row in value for key in names):
+            return {name: [row.get(name) for row in value] for name in names}
+    return value
+
+
 def flattened(value: Any, name: str = "", deep: int = 0) -> Iterator[tuple[str, Any]]:
     """Yield (name with its path, array) of nested maps and lists; of a list that holds arrays or
     maps, each with its number."""

@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.files.csv_table import MOST_BYTES
-from dehyst.daemon.files.foreign.arrays import MOST_DEEP, MOST_WIDE, flattened, found_in
+from dehyst.daemon.files.foreign.arrays import (
+    MOST_DEEP,
+    MOST_WIDE,
+    by_columns,
+    flattened,
+    found_in,
+)
 from dehyst.daemon.files.foreign.beside import names_beside
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet, text_of
 from dehyst.daemon.files.foreign.grid import LOOKED_AT, fill, lay_out
@@ -353,37 +359,13 @@ def read_netcdf(path: Path) -> Sheet:
 
 
 def read_json(path: Path) -> Sheet:
-    """Read a JSON file: columns by name, or a list of rows."""
+    """Read JSON, or a JSON value in each line: columns by name, or a list of rows."""
     import json
 
-    return _of_json(json.loads(path.read_text("utf-8-sig")))
-
-
-def read_json_lines(path: Path) -> Sheet:
-    """Read a file with one JSON value in each line."""
-    import json
-
-    lines = path.read_text("utf-8-sig").splitlines()
-    return _of_json([json.loads(line) for line in lines if line.strip()])
-
-
-def _of_json(value: Any) -> Sheet:
-    return found_in((Given(*one) for one in flattened(_by_columns(value))), {})
-
-
-def _by_columns(value: Any) -> Any:
-    """Return nested values with columns in place of lists of rows: [{"t": 0, "u": 1}, ...] and
-    pandas' {"t": {"0": 0.0, "1": 0.1}} are {"t": [...], "u": [...]}."""
-    if isinstance(value, dict):
-        keys = list(value)
-        if len(keys) > 1 and keys == [str(i) for i in range(len(keys))]:
-            return _by_columns(list(value.values()))
-        return {key: _by_columns(inner) for key, inner in value.items()}
-    if isinstance(value, list) and len(value) > 1 and all(isinstance(row, dict) for row in value):
-        names = dict.fromkeys(key for row in value for key in row)
-        if all(not isinstance(row.get(key), dict | list) for row in value for key in names):
-            return {name: [row.get(name) for row in value] for name in names}
-    return value
+    text = path.read_text("utf-8-sig")
+    rows = text.splitlines() if path.suffix.lower() == ".jsonl" else []
+    value = [json.loads(row) for row in rows if row.strip()] if rows else json.loads(text)
+    return found_in((Given(*one) for one in flattened(by_columns(value))), {})
 
 
 def _columns_of(table: Any) -> Iterator[Given]:
@@ -406,5 +388,5 @@ READERS: dict[str, Callable[[Path], Sheet]] = {
     ".parquet": read_parquet,
     ".feather": read_feather,
     ".json": read_json,
-    ".jsonl": read_json_lines,
+    ".jsonl": read_json,
 }
