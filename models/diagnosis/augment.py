@@ -60,7 +60,7 @@ def build_augmented_model(problem: Problem, fitted: JointFit) -> Model:
     effects = [
         block
         for effect, amplitudes in zip(fitted.effects, fitted.amplitudes, strict=True)
-        for block in effect.candidate.blocks(effect.theta, amplitudes, data)
+        for block in effect.blocks(amplitudes, data)
     ]
     blocks = with_blocks(replace(model, blocks=tuple(own)), effects).blocks
     rate = np.abs(np.diff(data.u)) / data.dt[1:]

@@ -6,18 +6,61 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dehyst.models.diagnosis.tuning import TUNING
-from dehyst.models.physics.candidate import Candidate, Parameter
-from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.model import Block
+from dehyst.models.physics.candidate import Candidate, Context, Parameter
+from dehyst.models.signals.joined import Bools, Data, Floats
 
 Theta = tuple[float, ...]  # values of a candidate's nonlinear parameters
 
 
 @dataclass(frozen=True)
+class Span:
+    """The part of a recording from a time on, or until it: recording: index; at_s: in it; begins:
+    whether it is the part from then on. Other recordings are in it only with `others`."""
+
+    recording: int
+    at_s: float
+    begins: bool
+    others: bool
+
+    @property
+    def rest(self) -> "Span":
+        """All that is not in it."""
+        return replace(self, begins=not self.begins, others=not self.others)
+
+    def rows(self, data: Data) -> Bools:
+        """Return (N,) which samples are in it."""
+        own = (data.t >= self.at_s) == self.begins
+        return np.where(data.rec == self.recording, own, self.others)
+
+
+@dataclass(frozen=True)
 class Effect:
-    """A candidate with the values of its nonlinear parameters."""
+    """A candidate with the values of its nonlinear parameters. span: when it is there; None: all
+    the time."""
 
     candidate: Candidate
     theta: tuple[float, ...] = ()
+    span: Span | None = None
+
+    def drive(self, data: Data, v: Floats) -> Floats:
+        """Return the drive (N,) after it."""
+        out = self.candidate.drive(data, v, self.theta)
+        return out if self.span is None else np.where(self.span.rows(data), out, v)
+
+    def output(self, data: Data, x: Floats) -> Floats:
+        """Return the columns (N, k) after it."""
+        out = self.candidate.output(data, x, self.theta)
+        return out if self.span is None else np.where(self.span.rows(data)[:, None], out, x)
+
+    def columns(self, data: Data, context: Context) -> Floats:
+        """Return its additive columns (N, k)."""
+        out = self.candidate.columns(data, context, self.theta)
+        return out if self.span is None else out * self.span.rows(data)[:, None]
+
+    def blocks(self, amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        """Return its blocks of a model: none, if it is there for part of the time."""
+        return self.candidate.blocks(self.theta, amplitudes, data) if self.span is None else ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -35,7 +78,7 @@ def apply_drive_effects(data: Data, effects: Sequence[Effect]) -> Floats:
     v = data.u
     for e in effects:
         if e.candidate.mode == "drive":
-            v = e.candidate.drive(data, v, e.theta)
+            v = e.drive(data, v)
     return v
 
 
@@ -43,7 +86,7 @@ def apply_output_effects(data: Data, effects: Sequence[Effect], x: Floats) -> Fl
     """Return columns (N, k) filtered by the effects that act on the hysteresis' output."""
     for e in effects:
         if e.candidate.mode == "output":
-            x = e.candidate.output(data, x, e.theta)
+            x = e.output(data, x)
     return x
 
 

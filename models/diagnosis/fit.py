@@ -151,9 +151,7 @@ class Problem:
             way, v_there = effects, v
         context = Context(data.sampled(v), data.y if output is None else output)
         extra = [
-            e.candidate.columns(data, context, e.theta)
-            if e.candidate.mode == "columns"
-            else np.zeros((data.n, 0))
+            e.columns(data, context) if e.candidate.mode == "columns" else np.zeros((data.n, 0))
             for e in effects
         ]
         base, gram_of_base = self._base_of(way, v_there)
@@ -247,7 +245,7 @@ class Problem:
             if e.candidate.mode != "columns":
                 continue
             if (way, e) not in known:
-                known[way, e] = e.candidate.columns(data, context, e.theta) @ a
+                known[way, e] = e.columns(data, context) @ a
             y = y + known[way, e]
         return y
 

@@ -39,7 +39,7 @@ class WritableFit:
         return tuple(
             e.candidate.key
             for e, a in zip(fit.effects, fit.amplitudes, strict=True)
-            if e.candidate.blocks(e.theta, a, data)
+            if e.blocks(a, data)
         )
 
     def without(self, effect: Effect) -> "WritableFit":
@@ -151,8 +151,7 @@ def _find_lines(problem: Problem, fit: JointFit) -> Bools:
     no block of the model contains."""
     out = [np.zeros(len(problem.data.names) + problem.base.width, dtype=bool)]
     for effect, a in zip(fit.effects, fit.amplitudes, strict=True):
-        one = effect.candidate
-        line = not (one.driven or one.blocks(effect.theta, a, problem.data))
+        line = not (effect.candidate.driven or effect.blocks(a, problem.data))
         out.append(np.full(a.size, line))
     return np.concatenate(out)
 

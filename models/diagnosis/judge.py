@@ -7,7 +7,7 @@ import numpy as np
 
 from dehyst.models.diagnosis.base import compact_base
 from dehyst.models.diagnosis.data.drive_path import count_distinct_moments, is_moving_against_drive
-from dehyst.models.diagnosis.effects import Effect, parameters_at_bound
+from dehyst.models.diagnosis.effects import Effect, Span, parameters_at_bound
 from dehyst.models.diagnosis.evidence import Constancy, constancy, contribution
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
@@ -110,10 +110,15 @@ def effect_of(fit: JointFit, key: str) -> Effect:
 
 
 def try_candidate(
-    problem: Problem, sigma: float, current: JointFit, c: Candidate, start: Sequence[float]
+    problem: Problem,
+    sigma: float,
+    current: JointFit,
+    c: Candidate,
+    start: Sequence[float],
+    span: Span | None = None,
 ) -> CandidateTrial:
     """Return a candidate's trial, refitted jointly with the accepted effects, and its price."""
-    fit = problem.refit([*current.effects, Effect(c, tuple(start))], start=current)
+    fit = problem.refit([*current.effects, Effect(c, tuple(start), span)], start=current)
     count = sum(len(e.theta) for e in fit.effects) - sum(len(e.theta) for e in current.effects)
     columns = fit.design.shape[1] - current.design.shape[1]
     price = TUNING.price * sigma**2 * max(count + columns, 1)

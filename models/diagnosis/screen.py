@@ -68,7 +68,7 @@ class Screen:
         kind."""
         c, data = effect.candidate, self.problem.data
         if c.mode == "columns":
-            return c.columns(data, Context(self.drive, self.output), effect.theta)
+            return effect.columns(data, Context(self.drive, self.output))
         effects = in_cascade_order([*self.current.effects, effect])
         parts = {
             e.candidate.key: a

@@ -20,6 +20,7 @@ from dehyst.models.diagnosis.findings.reported import (
     keep_helpful_effects,
     without_effects_of_kind,
 )
+from dehyst.models.diagnosis.findings.spans import with_span
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.judge import SearchState, can_distinguish_lag
 from dehyst.models.diagnosis.pasts import explained_heads, rows_with_heads
@@ -58,6 +59,9 @@ class Searched:
 def look_for_causes(search_problem: SearchProblem, say: Progress) -> Searched:
     """Find the effects: by the search, and as recordings show them directly."""
     result, heads = _search_with_heads(search_problem, say)
+    spanned = with_span(result.search)
+    if spanned is not result.search:
+        result = SearchResult(spanned, spanned)
     whole, alone = (
         replace(one, rows=rows_with_heads(one, heads))
         for one in (search_problem.whole, search_problem.bare.data)

@@ -58,7 +58,14 @@ def report_effects(problem: Problem, found: SearchState, held: float) -> list[Fi
         x, r = contribution(problem, final, effect)
         steady = constancy(problem, sigma, x, r)
         near = rivals(found, effect)
-        changed = growth(data, sigma, x, r)
+        span = effect.span
+        changed = (
+            growth(data, sigma, x, r)
+            if span is None
+            else Growth(
+                data.names[span.recording], span.at_s, float(not span.begins), float(span.begins)
+            )
+        )
         c = effect.candidate
         others = _other_names(c, near, rest)
         plain = {k: (v.value, v.unit) for k, v in values[i].items()}

@@ -3,11 +3,14 @@ present all the time has none."""
 
 import numpy as np
 import pytest
+from scipy import signal
 from tests.models.diagnosis.test_diagnosed_model import DT, NOISE_UM, N, drive, plain, recordings
 from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.effects import Effect, Span
 from dehyst.models.diagnosis.findings.growth import growth
+from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Floats
 
@@ -55,6 +58,48 @@ def test_what_grows_is_reported_with_its_time(stage: object, name: str, words: s
     assert words in first.says
     assert first.where["recording"] == "r1.csv"
     assert first.where["from_s"] == pytest.approx(AT, abs=0.3)
+
+
+def begun(after: Floats) -> list[Recording]:
+    """Return one recording whose reading is `after` (N,) from AT on."""
+    t = np.arange(N) * DT
+    y = np.where(t < AT, plain(drive(0)), after)
+    noise = NOISE_UM * np.random.default_rng(6).standard_normal(N)
+    return [Recording(t, drive(0), y + noise, name="r0.csv")]
+
+
+@pytest.mark.parametrize(("name", "within_s"), [("lag", 0.03), ("clip", 0.3)])
+def test_what_begins_in_the_only_recording_is_named_with_its_time(
+    name: str, within_s: float
+) -> None:
+    """Fitted as if it were there all the time, it would be half as large, and a loop of another
+    shape beside it. A limit shows where the drive reaches it."""
+    low = np.exp(-DT / 4e-3)
+    lagged = signal.lfilter([1.0 - low], [1.0, -low], plain(drive(0)))
+    limited = plain(np.minimum(drive(0), 7.0))
+    d = diagnose_without_limits(begun(lagged if name == "lag" else limited))
+    first = d.findings[0]
+    assert name in (first.name, *first.ambiguous_with)
+    assert first.where["from_s"] == pytest.approx(AT, abs=within_s)
+    assert "It is there from" in first.says
+    assert name not in {block.kind for block in d.model.blocks}  # it was not there before
+
+
+def test_an_effect_of_part_of_the_time_is_no_block_and_acts_then_alone() -> None:
+    data = prepare(begun(plain(drive(0))))
+    (lag,) = (c for c in list_candidates(data) if c.key == "lag-sensor")
+    always, later = Effect(lag, (4e-3,)), Effect(lag, (4e-3,), Span(0, AT, True, False))
+    assert len(always.blocks(np.zeros(0), data)) == 1
+    assert later.blocks(np.zeros(0), data) == ()
+    x = data.u[:, None]
+    assert np.array_equal(later.output(data, x)[data.t < AT], x[data.t < AT])
+    after = data.t >= AT
+    assert np.array_equal(later.output(data, x)[after], always.output(data, x)[after])
+
+
+def test_a_gain_that_steps_is_no_effect_that_begins() -> None:
+    d = diagnose_without_limits(begun(1.04 * plain(drive(0))))
+    assert not [f.name for f in d.findings if "from_s" in f.where and f.name != "unknown"]
 
 
 def test_what_is_there_all_the_time_has_no_time() -> None:

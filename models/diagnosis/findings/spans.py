@@ -1,0 +1,146 @@
+"""Find an effect that begins, or ends, within a recording: of each candidate, the time from which,
+or until which, it explains most."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dehyst.models.diagnosis.effects import Effect, Span, Theta
+from dehyst.models.diagnosis.judge import (
+    CandidateTrial,
+    SearchState,
+    judge,
+    misfit_beyond_noise,
+    try_candidate,
+)
+from dehyst.models.diagnosis.screen import Screen
+from dehyst.models.diagnosis.search import search_one_more
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.physics import list_candidates
+from dehyst.models.physics.candidate import Candidate
+from dehyst.models.signals.joined import Data
+
+TIMES = 16  # of each recording that are tried first,
+FINER = 8  # and between two of these, around the best
+SETTLES = 3  # times that the values and the time are fitted in turn
+
+
+def with_span(found: SearchState) -> SearchState:
+    """Return a search's result in which one effect is there for part of the time, where that leaves
+    at most half of what the effects found leave; else unchanged."""
+    problem, sigma = found.problem, found.sigma
+    left = misfit_beyond_noise(problem, found.accepted, sigma)
+    if left < (TUNING.strong * sigma) ** 2:
+        return found
+    light = problem.with_fewer_rows(TUNING.limit_rows)
+    null = light.solve([])
+    screen = Screen(light, null)
+    ranked = sorted(_best_spans(screen), key=lambda one: -one[0])[: TUNING.shortlist]
+    bare = replace(found, problem=light, null=null, accepted=null, rounds=(), picked=())
+    # next to a base, a column that begins is the same as its negative until then
+    both = [
+        (c, theta, one)
+        for _, c, theta, span in ranked
+        for one in ((span, span.rest) if c.mode == "columns" else (span,))
+    ]
+    trials = [_settle(bare, *one) for one in both]
+    at_first = misfit_beyond_noise(light, null, sigma)
+    judged = [judge(bare, t, at_first) for t in trials]
+    good = [t for t in judged if not t.refused and _is_its_own(t, light.data)]
+    if not good:
+        return found
+    best = max(good, key=lambda t: t.worth)
+    always = try_candidate(light, sigma, null, best.candidate, best.fit.effects[0].theta)
+    lasting, part = (misfit_beyond_noise(light, t.fit, sigma) for t in (always, best))
+    if part > TUNING.half * lasting:
+        return found
+    state = replace(bare, accepted=best.fit, rounds=(tuple(judged),), picked=(best.candidate.key,))
+    state = search_one_more(state, TUNING.shortlist)
+    final = problem.refit(state.accepted.effects, rounds=8, settle=0.3 * sigma**2)
+    if misfit_beyond_noise(problem, final, sigma) > TUNING.half * left:
+        return found
+    counted = int(light.data.rows.sum())
+    return replace(state, problem=problem, null=found.null, accepted=final, counted=counted)
+
+
+def _spans(data: Data, times: int) -> Iterator[Span]:
+    for i in range(len(data.names)):
+        t = data.t[data.rec == i]
+        for at_s in np.linspace(t[0], t[-1], times + 2)[1:-1].tolist():
+            for begins in (True, False):
+                for others in (False, True)[: min(len(data.names), 2)]:
+                    yield Span(i, at_s, begins, others)
+
+
+def _best_spans(screen: Screen) -> Iterator[tuple[float, Candidate, Theta, Span]]:
+    """Yield each candidate with the start and the span of the largest estimated gain."""
+    data = screen.problem.data
+    spans = list(_spans(data, TIMES))
+    for c in list_candidates(data):
+        # what fits a part of any change in time has no time of its own
+        if c.slow or c.refines or c.key.rpartition("-")[2].isdecimal():
+            continue
+        starts = [tuple(s) for s in c.starts(data, screen.residual)]
+        each = [one for theta in starts for one in _gains(screen, Effect(c, theta), spans)]
+        if each:
+            gain, amount, theta, span = max(each, key=lambda one: one[0])
+            yield gain, c, c.scaled(theta, amount), span
+
+
+def _gains(
+    screen: Screen, effect: Effect, spans: Sequence[Span]
+) -> list[tuple[float, float, Theta, Span]]:
+    """Return the estimated gain and amount of an effect in each span."""
+    data, x = screen.problem.data, screen.contribution(effect)
+    if x.shape[1] == 0 or not np.any(x):
+        return []
+    inside = np.stack([span.rows(data) for span in spans], axis=1)
+    out = np.zeros((2, len(spans)))
+    if effect.candidate.mode != "columns":
+        p = screen.projected(x * inside)
+        power, along = np.sum(p * p, axis=0), p.T @ screen.r
+        out[1] = along / np.maximum(power, 1e-30)
+        out[0] = np.where(along > 0, along * out[1], 0.0)
+    else:
+        for k in range(len(spans)):
+            p = screen.projected(x * inside[:, k : k + 1])
+            g = p.T @ screen.r
+            out[0, k] = float(g @ np.linalg.pinv(p.T @ p, rcond=1e-10, hermitian=True) @ g)
+    return [
+        (float(gain), float(amount), effect.theta, span)
+        for gain, amount, span in zip(out[0], out[1], spans, strict=True)
+    ]
+
+
+def _settle(bare: SearchState, c: Candidate, theta: Theta, span: Span) -> CandidateTrial:
+    """Return a candidate's trial in the span near this one that fits best."""
+    problem, sigma, null = bare.problem, bare.sigma, bare.null
+    screen = Screen(problem, null)
+    best = try_candidate(problem, sigma, null, c, theta, span)
+    here = problem.data.t[problem.data.rec == span.recording]
+    width = float(np.ptp(here)) / (TIMES + 1)
+    for _ in range(SETTLES):
+        fitted = best.fit.effects[0]
+        assert fitted.span is not None
+        width /= FINER / 2
+        near = fitted.span.at_s + width * np.arange(-FINER, FINER + 1)
+        spans = [replace(fitted.span, at_s=float(at)) for at in near if here[0] < at < here[-1]]
+        each = _gains(screen, replace(fitted, span=None), spans)
+        if not each:
+            break
+        at = max(each, key=lambda one: one[0])[3]
+        trial = try_candidate(problem, sigma, null, c, fitted.theta, at)
+        if trial.gain <= best.gain:
+            break
+        best = trial
+    return best
+
+
+def _is_its_own(trial: CandidateTrial, data: Data) -> bool:
+    """Return whether an effect is no line: a mode that rings on copies one of the surroundings."""
+    effect = trial.fit.effects[0]
+    ring = effect.candidate.free_oscillation(effect.theta)
+    assert effect.span is not None
+    inside = effect.span.rows(data) & (data.rec == effect.span.recording)
+    return ring is None or ring[1] * TUNING.minor * float(np.ptp(data.t[inside])) > 1.0
