@@ -15,7 +15,8 @@ BOTH = 0.7
 """Share of its deviation by which a lone reading differs from both of its neighbours."""
 ALONE = 0.8
 """Largest deviation of a neighbour, as a share: it has two thirds, as the lone reading is one of
-its four neighbours, and a ringing mode near half the sampling rate gives more."""
+its four neighbours, and a ringing mode near half the sampling rate gives more. It has the opposite
+sign; at the crest of a slower mode it has the same."""
 APART = 10
 """Fewest rows between two: closer ones belong to a motion, such as a mode that rings."""
 DRIVEN = 0.2
@@ -35,16 +36,18 @@ def lone_readings(y: Floats, u: Floats) -> Bools:
     if known.size < 20:
         return lone
     v = y[known]
-    off, driven = np.abs(measure_jumps(v)), measure_driven_jumps(v, u[known])
+    jumps, driven = measure_jumps(v), measure_driven_jumps(v, u[known])
+    off = np.abs(jumps)
     limit = max(OFF * 1.4826 * float(np.median(off)), STEPS * quantum(v), 1e-12 * float(np.ptp(v)))
     rest = np.maximum(np.roll(off, 1), np.roll(off, -1))  # the two rows at each end are 0
+    against = np.maximum(np.roll(jumps, 1) * jumps, np.roll(jumps, -1) * jumps) <= 0.0
     far = (
         (off > limit)
         & (measure_peaks(v) > BOTH * off)
         & (driven < DRIVEN * off)
         & (rest < ALONE * off)
     )
-    at = np.flatnonzero(far)
+    at = np.flatnonzero(far & against)
     gaps = np.diff(at, prepend=-APART, append=far.size + APART)
     at = at[np.minimum(gaps[:-1], gaps[1:]) >= APART]
     if 0 < at.size <= max(1.0, FEW * known.size):

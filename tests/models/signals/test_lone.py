@@ -39,6 +39,20 @@ def test_a_ringing_mode_is_no_lone_reading(frequency_hz: float) -> None:
     assert not lone_readings(reading(SINES, 0) + ring, SINES).any()
 
 
+@pytest.mark.parametrize("rows", [5.3, 8.0, 11.5])
+@pytest.mark.parametrize("damping", [0.004, 0.05])
+def test_the_crests_of_a_mode_that_steps_excite_are_no_lone_readings(
+    rows: float, damping: float
+) -> None:
+    """Its first crest is the highest, and stands above the noise as no other row does."""
+    step = np.arange(T.size) % 400
+    fall = np.exp(-2 * np.pi * damping * step / rows) * np.where(np.arange(T.size) < 400, 0, 1)
+    u = np.where((np.arange(T.size) // 400) % 2 > 0, 60.0, 20.0)
+    for phase in np.linspace(0.0, 1.0, 20):
+        ring = 3.0 * fall * np.cos(2 * np.pi * ((step + phase) / rows))
+        assert not lone_readings(reading(u, 0) + ring, u).any()
+
+
 @pytest.mark.parametrize("drive", ["sines", "triangle", "steps"])
 @pytest.mark.parametrize(("count", "size_um"), [(1, 1.0), (3, 0.3), (12, 2.0), (4, -40.0)])
 def test_every_lone_reading_is_found_and_no_other(drive: str, count: int, size_um: float) -> None:
