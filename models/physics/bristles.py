@@ -91,14 +91,13 @@ KIND = Kind(
 
 
 class Friction(Candidate):
-    """Additive -a z - b v, with z and v of the drive's path."""
+    """Additive -a z - b v, with z and v of the drive's path. Typical: 50 to 200 nm; shown by small
+    reversals at several speeds."""
 
     name = key = "friction"
     title = "Friction in the guide"
     equation = "y = x - a z - b v, dz = (dx - |dx| z / g) / l, g = 1 + e exp(-(v / v_s)^2)"
     source = "LuGre, Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995)"
-    typical = "50 to 200 nm"
-    revealed_by = "small reversals at several speeds"
     confused_with = ("rate", "lag")
     order = 45
     static = True

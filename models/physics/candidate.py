@@ -77,8 +77,7 @@ class Candidate:
     """Base of all candidates; the class attributes describe the physics in reports.
 
     name: word of the diagnosis vocabulary; key: unique among the instances; order: position in
-    the cascade; driven: caused by the drive (judged more strictly) or by something else;
-    refines: key of the simpler candidate that this one extends.
+    the cascade; driven: caused by the drive (judged more strictly) or by something else.
     """
 
     name: str = ""
@@ -86,8 +85,6 @@ class Candidate:
     title: str = ""
     equation: str = ""
     source: str = ""
-    typical: str = ""
-    revealed_by: str = ""
     confused_with: tuple[str, ...] = ()
     order: int = 0
     place: str = "stage"

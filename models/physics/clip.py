@@ -48,14 +48,13 @@ REACHED = 0.002  # smallest fraction of the range that a limit cuts off
 
 
 class Clip(Candidate):
-    """v = min(max(u, lowest), highest)."""
+    """v = min(max(u, lowest), highest). Typical: a few per cent of the range at one end; shown by
+    moves over the full range."""
 
     name = key = "clip"
     title = "Clipped drive"
     equation = "v = min(max(u, v_min), v_max)"
     source = "supply rails or a set limit of the amplifier"
-    typical = "a few per cent of the range at one end"
-    revealed_by = "moves over the full range"
     confused_with = ("asymmetry", "sensor")
     order = 2
     static = True

@@ -98,11 +98,11 @@ SAME_MODE = 0.01  # relative difference of frequencies below which two modes cou
 
 
 class CoupledMode(Coupling):
-    """Coupling through modes of the stage that the other drive excites."""
+    """Coupling through modes of the stage that the other drive excites. Shown by the other channel
+    with content near the modes."""
 
     equation = "y(t) = f(u) + sum_k g_k q_k + h_k q_k' / w_k, q'' + 2 z w q' + w^2 q = w^2 c(t)"
     source = "modes of the platform that several actuators drive"
-    revealed_by = "the other channel with content near the modes"
     order = 62
 
     def __init__(self, data: Data, channel: str, reference: float) -> None:

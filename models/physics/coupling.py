@@ -150,13 +150,12 @@ def coupled(unit: str, gain: float, reference: float, channel: str) -> Block:
 
 
 class Coupling(Candidate):
-    """y + g c(t) for a channel c."""
+    """y + g c(t) for a channel c. Typical: 1 to 5 % of the other axis; shown by the other channel
+    moving while the own drive rests."""
 
     name = "coupling"
     equation = "y(t) = f(u) + g c(t)"
     source = "parasitic motion of a neighbouring axis, or a load"
-    typical = "1 to 5 % of the other axis"
-    revealed_by = "the other channel moving while the own drive rests"
     confused_with = ("drift",)
     order = 60
     driven = False

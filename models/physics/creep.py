@@ -147,14 +147,13 @@ KIND = Kind(
 
 
 class Creep(Candidate):
-    """y = x + (g / 3) sum_k (low-pass_k(x) - m_k x), m_k = 1 - exp(-0.1 s / tau_k)."""
+    """y = x + (g / 3) sum_k (low-pass_k(x) - m_k x), m_k = 1 - exp(-0.1 s / tau_k). Typical: 0.01
+    to 0.02 per decade; shown by holds of a second and more at several levels."""
 
     name = key = "creep"
     title = "Creep"
     equation = "y(t) = y0 [1 + g log10(t / t0)] after a step, as a sum of relaxations"
     source = "Jung and Gweon, Rev. Sci. Instrum. 71 (2000) 1896; Kelvin-Voigt chains"
-    typical = "0.01 to 0.02 per decade"
-    revealed_by = "holds of a second and more at several levels"
     confused_with = ("drift", "lag")
     order = 20
     mode = "output"

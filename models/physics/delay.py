@@ -134,14 +134,13 @@ OF_A_SAMPLE = 0.1
 
 
 class Delay(Candidate):
-    """y(t - d); a pure delay commutes with all other effects of the drive."""
+    """y(t - d); a pure delay commutes with all other effects of the drive. Typical: 0.1 to 6 ms;
+    shown by content above 0.05 / d: steps, fast chirps."""
 
     name = key = "delay"
     title = "Dead time"
     equation = "y(t) = f(u(t - d))"
     source = "transport, sampling or communication delay"
-    typical = "0.1 to 6 ms"
-    revealed_by = "content above 0.05 / d: steps, fast chirps"
     confused_with = ("lag", "resonance", "rate")
     order = 0
     place = "drive"

@@ -116,14 +116,13 @@ KINDS = (
 
 
 class Drift(Candidate):
-    """y (1 + a dT) + b dT for a temperature channel, dT relative to its mean."""
+    """y (1 + a dT) + b dT for a temperature channel, dT relative to its mean. Typical: 0.01 / K,
+    0.1 um / K; shown by minutes of recording while the temperature moves."""
 
     name = "drift"
     title = "Drift with the temperature"
     equation = "y(t) = f(u) (1 + a dT) + b dT"
     source = "thermal expansion of the frame; temperature coefficient of the ceramic"
-    typical = "0.01 / K, 0.1 um / K"
-    revealed_by = "minutes of recording while the temperature moves"
     confused_with = ("creep",)
     order = 50
     driven = False

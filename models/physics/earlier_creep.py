@@ -63,15 +63,15 @@ KIND = Kind(
 
 
 class EarlierCreep(Candidate):
-    """y + a log10(1 + t / since), with a separate a and since for each recording."""
+    """y + a log10(1 + t / since), with a separate a and since for each recording. Typical: 1 to 2 %
+    of that move per decade of time; shown by the first seconds of a recording that begins after a
+    move."""
 
     name = "creep"
     key = "creep-earlier"
     title = "Creep from before the recording"
     equation = "y(t) = f(u) + a log10(1 + t / since)"
     source = "the move that ended shortly before the recording began"
-    typical = "1 to 2 % of that move per decade of time"
-    revealed_by = "the first seconds of a recording that begins after a move"
     confused_with = ("drift",)
     order = 56
     driven = False

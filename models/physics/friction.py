@@ -132,15 +132,14 @@ KIND = Kind(
 
 
 class DryFriction(Candidate):
-    """x - a z, dz/dx = 1 / l within -1..1: z rises linearly, then slides."""
+    """x - a z, dz/dx = 1 / l within -1..1: z rises linearly, then slides. Typical: 50 to 400 nm;
+    shown by reversals, about a model that was right before."""
 
     name = "friction"
     key = "friction-dry"
     title = "Friction in the guide"
     equation = "y = x - a z, dz/dx = 1 / l, -1 <= z <= 1"
     source = "Coulomb friction on an elastic contact; Dahl 1976, exponent 0"
-    typical = "50 to 400 nm"
-    revealed_by = "reversals, about a model that was right before"
     confused_with = ("shape", "asymmetry")
     order = 45
     static = True

@@ -61,14 +61,13 @@ KIND = Kind(
 
 
 class Hum(Candidate):
-    """sum_k A_k sin(2 pi f_k t + phase_k), with separate amplitudes and phases per recording."""
+    """sum_k A_k sin(2 pi f_k t + phase_k), with separate amplitudes and phases per recording.
+    Typical: 20 to 100 nm at 50 or 60 Hz; shown by rest, or a long hold."""
 
     name = key = "hum"
     title = "Fixed lines"
     equation = "y(t) = f(u) + sum_k A_k sin(2 pi f_k t + phase_k)"
     source = "mains and its harmonics, switching supplies, fans and pumps"
-    typical = "20 to 100 nm at 50 or 60 Hz"
-    revealed_by = "rest, or a long hold"
     confused_with = ("resonance",)
     order = 70
     driven = False

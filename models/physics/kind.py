@@ -218,23 +218,6 @@ class Kind:
             raise BadModel(f"{problem} (kind {self.name!r})")
         return out
 
-    def forward(
-        self,
-        x: Floats,
-        t_s: Floats,
-        channel: Floats | None = None,
-        **values: float | Floats | tuple[float, ...],
-    ) -> Floats:
-        """Return the output (N,) for an input x (N,) at times t_s (N,); values by parameter name.
-
-        The values are not checked; missing ones take their defaults.
-        """
-        given = {name: np.atleast_1d(np.asarray(v, np.float64)) for name, v in values.items()}
-        for param in self.params:
-            if param.name not in given and param.default is not None:
-                given[param.name] = np.array(param.default)
-        return self.run(given, x, t_s, channel)
-
     def run(self, values: Values, x: Floats, t_s: Floats, channel: Floats | None = None) -> Floats:
         """Return the output (N,) for an input x (N,) at times t_s (N,), settled at x[0] before."""
         x = np.ascontiguousarray(x, np.float64)

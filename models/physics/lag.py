@@ -82,7 +82,8 @@ KIND = Kind(
 
 
 class Lag(Candidate):
-    """tau dv/dt + v = u for the drive, or the same on the reading; two poles: two in series."""
+    """tau dv/dt + v = u for the drive, or the same on the reading; two poles: two in series.
+    Typical: 0.1 to 5 ms; shown by content above 0.1 / tau: steps, fast chirps."""
 
     name = "lag"
     limit_unit = "s"
@@ -90,8 +91,6 @@ class Lag(Candidate):
     size_index = 0
     equation = "tau dx/dt + x = x_in, 1 / (tau s + 1)"
     source = "amplifier with the stack's capacitance (RC), or the sensor's filter"
-    typical = "0.1 to 5 ms"
-    revealed_by = "content above 0.1 / tau: steps, fast chirps"
     confused_with = ("delay", "resonance", "slew", "rate")
 
     def __init__(self, data: Data, place: str, poles: int) -> None:
@@ -158,15 +157,14 @@ class Lag(Candidate):
 
 class Servo(Candidate):
     """w^2 / (s^2 + 2 z w s + w^2), damped enough not to ring: a closed loop around the stage, or a
-    second-order filter (Butterworth: z = 0.71)."""
+    second-order filter (Butterworth: z = 0.71). Typical: 10 Hz to some kHz; shown by content above
+    a tenth of the corner: steps, fast chirps."""
 
     name = "lag"
     key = "lag-second"
     title = "Lag of second order"
     equation = "w^2 / (s^2 + 2 z w s + w^2), z above 0.45"
     source = "a position servo around the stage, or a filter of second order"
-    typical = "10 Hz to some kHz"
-    revealed_by = "content above a tenth of the corner: steps, fast chirps"
     confused_with = ("delay", "resonance", "slew", "rate")
     order = 41
     place = "sensor"

@@ -112,14 +112,13 @@ with the speed: -0.6 to 0.5)."""
 
 
 class Rate(Candidate):
-    """sum_i g_i (D_i - H_i) + k_i dv/dt H_i."""
+    """sum_i g_i (D_i - H_i) + k_i dv/dt H_i. Typical: loops some 10 % wider at 10 Hz than at 0.1
+    Hz; shown by the same stroke at several frequencies, and several strokes at one."""
 
     name = key = "rate"
     title = "Loops that change with the rate"
     equation = "y + sum_i g_i (D_i - H_i) + k_i dv/dt H_i, D_i of threshold r_i + d |dv/dt|^p"
     source = "thresholds dilating with the rate (Al Janaideh 2009); Qin et al., Eq. 5"
-    typical = "loops some 10 % wider at 10 Hz than at 0.1 Hz"
-    revealed_by = "the same stroke at several frequencies, and several strokes at one"
     confused_with = ("lag", "delay", "friction")
     order = 65
     static = True

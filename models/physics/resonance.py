@@ -169,14 +169,13 @@ LOST = 1.25  # uncertainty of the share, per amplitude that linear interpolation
 
 
 class Resonance(Candidate):
-    """x (1 - share) + share * mode(x), mode = w^2 / (s^2 + 2 z w s + w^2)."""
+    """x (1 - share) + share * mode(x), mode = w^2 / (s^2 + 2 z w s + w^2). Typical: 70 Hz loaded to
+    some kHz, damping 0.005 to 0.05; shown by steps, or a sweep towards the frequency."""
 
     name = "resonance"
     title = "Resonance"
     equation = "w^2 / (s^2 + 2 z w s + w^2) on a share of the stroke"
     source = "mass on the stack's and the guide's stiffness"
-    typical = "70 Hz loaded to some kHz, damping 0.005 to 0.05"
-    revealed_by = "steps, or a sweep towards the frequency"
     confused_with = ("delay", "lag")
     order = 30
     mode = "output"

@@ -100,15 +100,14 @@ def _heat(x: Floats, tau: float, dt: Floats, starts: Bools, s: Any) -> Floats:
 
 
 class SelfHeating(Candidate):
-    """x (1 + g w), w the heat."""
+    """x (1 + g w), w the heat. Typical: some kelvin, some tenths of a per cent of the gain, within
+    minutes; shown by a burst of fast full strokes, then a hold."""
 
     name = "drift"
     key = "drift-self-heating"
     title = "Self-heating"
     equation = "y(t) = f(u) (1 + g w), tau dw/dt + w = |dx/dt| |x - m|"
     source = "dielectric and mechanical loss in the stack (Uchino and Hirose, 2001)"
-    typical = "some kelvin, some tenths of a per cent of the gain, within minutes"
-    revealed_by = "a burst of fast full strokes, then a hold"
     confused_with = ("creep", "rate")
     order = 52
     slow = lasting = True

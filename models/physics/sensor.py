@@ -119,14 +119,13 @@ KINDS = (
 
 
 class NonlinearSensor(Candidate):
-    """y = x + a sin(2 pi x / p) + b (cos(2 pi x / p) - 1)."""
+    """y = x + a sin(2 pi x / p) + b (cos(2 pi x / p) - 1). Typical: 0.1 to 1 % of the range; shown
+    by slow full strokes; settled by a calibration against another sensor."""
 
     name = key = "sensor"
     title = "Nonlinear sensor"
     equation = "y = x + a sin(2 pi x / p) + b (cos(2 pi x / p) - 1)"
     source = "interpolation error of encoders and interferometers"
-    typical = "0.1 to 1 % of the range"
-    revealed_by = "slow full strokes; settled by a calibration against another sensor"
     confused_with = ("asymmetry", "friction")
     order = 80
     static = True

@@ -219,14 +219,13 @@ def _listed(
 
 
 class Asymmetry(Candidate):
-    """y + a max(u - H_r, 0)^2 + b max(H_r - u, 0)^2."""
+    """y + a max(u - H_r, 0)^2 + b max(H_r - u, 0)^2. Typical: one branch of the loop steeper than
+    the other; shown by full loops and small loops about several levels."""
 
     name = key = "asymmetry"
     title = "Loop that is not symmetric"
     equation = "y = f(u) + a max(u - H_r, 0)^2 + b max(H_r - u, 0)^2"
     source = "one-sided dead zones, after Kuhnen 2003; bias of unipolar stacks"
-    typical = "one branch of the loop steeper than the other"
-    revealed_by = "full loops and small loops about several levels"
     confused_with = ("sensor", "friction", "clip")
     order = 64
     static = True

@@ -56,14 +56,13 @@ squares fit of a line that begins early), and by up to twice that
 
 
 class Slew(Candidate):
-    """|dv/dt| <= rate."""
+    """|dv/dt| <= rate. Typical: 60 mA / 1.4 uF = 43 V/ms, often less; shown by large fast moves and
+    steps."""
 
     name = key = "slew"
     title = "Slew limit"
     equation = "dv/dt = clip((u - v) / dt, -rate, rate)"
     source = "amplifier current limit I into capacitance C: rate = I / C"
-    typical = "60 mA / 1.4 uF = 43 V/ms, often less"
-    revealed_by = "large fast moves and steps"
     confused_with = ("lag", "delay")
     order = 1
     place = "drive"

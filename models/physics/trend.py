@@ -57,15 +57,14 @@ KIND = Kind(
 
 class Trend(Candidate):
     """y + a (1 - exp(-t / tau)), with a separate a and tau for each recording, since each has a
-    different past: a warm-up without a recorded temperature."""
+    different past: a warm-up without a recorded temperature. Typical: some 10 nm a minute; shown by
+    the same drive repeated over minutes; better, a temperature channel."""
 
     name = "drift"
     key = "drift-trend"
     title = "Drift without a temperature"
     equation = "y(t) = f(u) + a (1 - exp(-t / tau))"
     source = "warming up after switching on or after a pause"
-    typical = "some 10 nm a minute"
-    revealed_by = "the same drive repeated over minutes; better, a temperature channel"
     confused_with = ("creep",)
     order = 55
     driven = False

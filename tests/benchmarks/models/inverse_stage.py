@@ -57,7 +57,7 @@ def _identified(u: Floats, y: Floats, blocks: tuple[Block, ...]) -> Model:
     for block in blocks:
         if block.place == "drive":
             kind = KINDS[block.kind]
-            u = kind.forward(u, t, tau=block.params["tau_s"])
+            u = kind.run(kind.values(block), u, t)
     seq = np.concatenate([[y[0]], y])
     if blocks:
         sensor = [b for b in blocks if b.place == "sensor"]

@@ -4,9 +4,10 @@ runs back at its turns."""
 import numpy as np
 import pytest
 from tests.models.diagnosis.test_rate import diagnosed
+from tests.rigs.blocks import forward
 
 from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.physics import KINDS, list_candidates
+from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
 
 DT = 1e-3
@@ -44,7 +45,7 @@ def test_bristles_are_those_of_small_steps(viscous_s: float) -> None:
     speed = 27.0 * np.sin(9.0 * (t - DT / 2)) + 20.0 * np.cos(50.0 * (t - DT / 2))
     speed[0] = 0.0  # a block starts at rest at its first input
     values = {"length": 0.15, "stribeck": 40.0, "excess": 0.9, "sliding": 0.8}
-    got = KINDS["bristles"].forward(u, t, gain=2.0, viscous=viscous_s, **values)
+    got = forward("bristles", u, t, gain=2.0, viscous=viscous_s, **values)
     want = -rubbed(2.0 * u, 0.15, 40.0) - viscous_s * 2.0 * speed
     assert got == pytest.approx(want, abs=0.02)
 

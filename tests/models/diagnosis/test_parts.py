@@ -161,7 +161,7 @@ def test_library_tells_people_what_it_looks_for(data: Data) -> None:
     assert {c.name for c in found} == names
     assert [c.order for c in found] == sorted(c.order for c in found)
     for c in found:
-        assert all((c.title, c.equation, c.source, c.typical, c.revealed_by)), c.key
+        assert all((c.title, c.equation, c.source)), c.key
         assert set(c.confused_with) <= names, c.key
         residual = 0.05 * np.sin(2 * np.pi * 47 * data.t)
         for theta in c.starts(data, residual):

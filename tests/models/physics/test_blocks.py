@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
+from tests.rigs.blocks import forward
 
 from dehyst.models.errors import BadModel
 from dehyst.models.model import Block
@@ -64,7 +65,7 @@ def test_good_examples_pass() -> None:
 def test_lag_is_the_exact_filter(tau: float) -> None:
     t, x = _signal()
     want = signal.lsim(([1.0], [tau, 1.0]), x - x[0], t)[1] + x[0]
-    got = KINDS["lag"].forward(x, t, tau=tau)
+    got = forward("lag", x, t, tau=tau)
     assert np.allclose(got, want, atol=1e-9)
 
 
@@ -74,7 +75,7 @@ def test_resonance_is_the_exact_filter(damping: float, share: float) -> None:
     t, x = _signal()
     w = 2 * np.pi * 150.0
     mode = signal.lsim(([w * w], [1.0, 2 * damping * w, w * w]), x - x[0], t)[1] + x[0]
-    got = KINDS["resonance"].forward(x, t, frequency=150.0, damping=damping, share=share)
+    got = forward("resonance", x, t, frequency=150.0, damping=damping, share=share)
     assert np.allclose(got, (1 - share) * x + share * mode, atol=1e-7)
 
 
@@ -118,8 +119,8 @@ def test_linear_blocks_take_uneven_times() -> None:
         ("resonance", {"frequency": 40.0, "damping": 0.1, "share": 0.7}),
         ("creep", {"gain": 0.02, "tau_min": 0.01, "tau_max": 10.0}),
     ):
-        even = KINDS[name].forward(corners, t, **values)
-        uneven = KINDS[name].forward(x[keep], t[keep], **values)
+        even = forward(name, corners, t, **values)
+        uneven = forward(name, x[keep], t[keep], **values)
         assert np.allclose(even[keep], uneven, atol=1e-9), name
     assert x_fine.size > t.size
 
@@ -127,7 +128,7 @@ def test_linear_blocks_take_uneven_times() -> None:
 def test_creep_follows_the_logarithmic_law() -> None:
     t = np.concatenate([[0.0], np.geomspace(1e-3, 100.0, 4000)])
     x = np.where(t > 0, 1.0, 0.0)
-    y = KINDS["creep"].forward(x, t, gain=0.015, tau_min=1e-3, tau_max=1e3)
+    y = forward("creep", x, t, gain=0.015, tau_min=1e-3, tau_max=1e3)
     law = 1 + 0.015 * np.log10(t[1:] / 0.1)
     inside = (t[1:] > 0.02) & (t[1:] < 50)
     assert np.max(np.abs(y[1:] - law)[inside]) < 0.015 * 0.03
@@ -156,7 +157,7 @@ def test_delay_shifts_a_smooth_signal(delay: float) -> None:
     def wave(at: np.ndarray) -> np.ndarray:
         return 4 * np.sin(2 * np.pi * 10 * at) + np.cos(2 * np.pi * 3 * at)
 
-    y = KINDS["delay"].forward(wave(t), t, delay=delay)
+    y = forward("delay", wave(t), t, delay=delay)
     inside = t > delay + 0.005
     assert np.max(np.abs(y - wave(t - delay))[inside]) < 2e-4
     assert np.all(y[t < delay] == wave(t)[0])
@@ -164,36 +165,34 @@ def test_delay_shifts_a_smooth_signal(delay: float) -> None:
 
 def test_delay_by_whole_samples_is_a_shift() -> None:
     t, x = _signal()
-    y = KINDS["delay"].forward(x, t, delay=5e-3)
+    y = forward("delay", x, t, delay=5e-3)
     assert np.allclose(y[5:], x[:-5], atol=1e-9)
 
 
 def test_slew_clip_and_static_blocks_against_plain_loops() -> None:
     t, x = _signal()
-    y = KINDS["slew"].forward(x, t, rate=50.0)
+    y = forward("slew", x, t, rate=50.0)
     want = [x[0]]
     for value, dt in zip(x[1:], np.diff(t), strict=True):
         want.append(want[-1] + min(max(value - want[-1], -50.0 * dt), 50.0 * dt))
     assert np.allclose(y, want, atol=1e-12)
-    assert np.array_equal(KINDS["clip"].forward(x, t, min=2.0, max=4.0), np.clip(x, 2.0, 4.0))
-    poly = KINDS["polynomial"].forward(x, t, coefficients=(0.1, 1.0, 0.01))
+    assert np.array_equal(forward("clip", x, t, min=2.0, max=4.0), np.clip(x, 2.0, 4.0))
+    poly = forward("polynomial", x, t, coefficients=(0.1, 1.0, 0.01))
     assert np.allclose(poly, 0.1 + x + 0.01 * x**2, atol=1e-12)
     warm = 20.0 + 0.1 * t
-    drift = KINDS["drift"].forward(x, t, warm, gain=0.01, expansion=0.1, reference=20.0)
+    drift = forward("drift", x, t, warm, gain=0.01, expansion=0.1, reference=20.0)
     assert np.allclose(drift, x * (1 + 0.01 * 0.1 * t) + 0.01 * t, atol=1e-12)
-    assert np.allclose(KINDS["coupling"].forward(x, t, warm, gain=0.03), x + 0.03 * warm)
-    hum = KINDS["hum"].forward(x, t, frequency=50.0, amplitude=0.05, phase=0.3)
+    assert np.allclose(forward("coupling", x, t, warm, gain=0.03), x + 0.03 * warm)
+    hum = forward("hum", x, t, frequency=50.0, amplitude=0.05, phase=0.3)
     assert np.allclose(hum, x + 0.05 * np.sin(2 * np.pi * 50 * t + 0.3), atol=1e-12)
-    trend = KINDS["trend"].forward(x, t, rate=0.01, amount=0.2, tau=0.5)
+    trend = forward("trend", x, t, rate=0.01, amount=0.2, tau=0.5)
     assert np.allclose(trend, x + 0.01 * t + 0.2 * (1 - np.exp(-t / 0.5)), atol=1e-9)
 
 
 def test_shape_against_plain_plays() -> None:
     t, x = _signal()
     r, e2, e3 = np.array([0.0, 0.4, 1.5]), np.array([0.1, 0.2, -0.3]), np.array([0.0, 0.1, 0.2])
-    y = KINDS["shape"].forward(
-        x, t, thresholds=r, weights_2=e2, weights_3=e3, scale=2.0, center=3.0
-    )
+    y = forward("shape", x, t, thresholds=r, weights_2=e2, weights_3=e3, scale=2.0, center=3.0)
     h = [0.0] * 3
     for i, u in enumerate(x):
         v = (u - 3.0) / 2.0
@@ -235,7 +234,7 @@ def test_friction_that_gives_way_in_a_straight_line_is_a_play(length: float) -> 
         h = max(v - length, min(v + length, h))
         want.append(0.5 * v + 0.5 * h)
     values = {"length": length, "stribeck": 1.0, "sliding": 0.5 * length, "extra": 0.0}
-    got = KINDS["friction"].forward(x, t, exponent=0.0, **values)
+    got = forward("friction", x, t, exponent=0.0, **values)
     assert np.allclose(got, want, atol=1e-12)
     with pytest.raises(BadModel, match="exponent"):
         check_block(

@@ -108,7 +108,7 @@ def test_it_is_documented(name: str, plain) -> None:
             assert p.meaning, (kind.name, p.name)
             assert p.low < p.high, (kind.name, p.name)
     for c in physics.candidates(plain):
-        words = (c.title, c.equation, c.source, c.typical, c.revealed_by, c.name)
+        words = (c.title, c.equation, c.source, c.name)
         assert all(words), c.key
         assert c.name == physics.name
         assert c.confused_with or c.refines, c.key
