@@ -18,11 +18,10 @@ All classes are frozen and their arrays are read-only. u is in `drive_unit`, y i
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dehyst.models.arrays import Floats
 from dehyst.models.errors import BadModel
-
-Floats = NDArray[np.float64]
 
 
 def _frozen(values: ArrayLike, name: str) -> Floats:

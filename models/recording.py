@@ -12,10 +12,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dehyst.models.arrays import Bools, Floats
 from dehyst.models.errors import BadRecording
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 AXIS_CHANNEL = re.compile(r"axis\.([a-z0-9]{1,8})(\.drive)?")
 """Channels of another axis of the same controller: `axis.y` is its displacement, `axis.y.drive` its

@@ -2,9 +2,8 @@
 constant velocity, constant deceleration. Pure."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from dehyst.models.arrays import Floats
 
 
 def move_profile(

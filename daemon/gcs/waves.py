@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dehyst.daemon.gcs.grammar import GcsCode, GcsError, integer, parse_number
+from dehyst.models.arrays import Floats
 
-Floats = NDArray[np.float64]
 MOST_POINTS = 1 << 18
 """Most points of one table: 4.4 minutes at 1 kHz, 2 MiB."""
 TABLES = 8

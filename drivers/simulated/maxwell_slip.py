@@ -19,11 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from dehyst.drivers.interface import DriverConfigError
-
-Floats = NDArray[np.float64]
+from dehyst.models.arrays import Floats
 
 COUNT = 64  # a multiple of 4
 SMALLEST, LARGEST = 0.002, 0.6  # slip strains, as a share of full scale

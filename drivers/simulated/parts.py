@@ -13,8 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dehyst.drivers.simulated.settings import STAGE_KEYS
+from dehyst.models.arrays import Floats
 
-Floats = NDArray[np.float64]
 Record = Any  # numba indexes a (1,) structured array; the scalar has attributes
 
 # seed and hysteresis_width are used only when the stage is built; the other settings, and:

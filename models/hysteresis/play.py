@@ -12,9 +12,8 @@ The array form calls the one-sample kernel, so that both give bit-identical resu
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from dehyst.models.arrays import Floats
 
 
 @njit(cache=True, nogil=True)

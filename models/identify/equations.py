@@ -24,6 +24,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from dehyst.models.arrays import Ints
 from dehyst.models.hysteresis.play import play_step
 from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.dynamics import Filter, rows_behind
@@ -31,7 +32,6 @@ from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats
 
 ROWS_HELD = 8192
-Ints = NDArray[np.int64]
 
 
 class Equations(NamedTuple):

@@ -8,11 +8,8 @@ it continues.
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
+from dehyst.models.arrays import Bools, Floats, Ints
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dehyst.models.arrays import Ints
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Floats, Recording
 
-Ints = NDArray[np.int64]
 Some = TypeVar("Some", bound=np.generic)
 
 
