@@ -9,9 +9,9 @@ from dehyst.models.drive_design.coverage import Coverage
 from dehyst.models.identify import Identification, describe
 from dehyst.models.model import Block
 from dehyst.models.physics import KINDS
+from dehyst.models.signals.error_size import Z95
 from dehyst.models.units import spell_size, spell_unit
 
-Z95 = 1.96  # standard deviations of a 95 % interval
 NEXT = (
     "next: record another waveform, and check that the model predicts it: "
     "dehyst validate {} REC.csv"

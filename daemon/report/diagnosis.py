@@ -5,8 +5,8 @@ from functools import partial
 from dehyst.daemon.report import diagnosis_pictures as pictures
 from dehyst.daemon.report.diagnosis_pictures import choose_scale
 from dehyst.daemon.report.page import Page
-from dehyst.daemon.report.plotting import finite_rms
 from dehyst.models.diagnosis import Diagnosis, Finding, Value
+from dehyst.models.signals.error_size import finite_rms
 from dehyst.models.units import spell_size, spell_unit
 
 MODELS = ("model in use", "augmented model")

@@ -20,13 +20,13 @@ from dehyst.daemon.report.plotting import (
     draw_noise_band,
     draw_trace,
     estimate_density,
-    finite_rms,
     limit_to,
     scale_by_decades,
     white_density,
 )
 from dehyst.models.diagnosis import Diagnosis, FitView
 from dehyst.models.recording import Bools, Floats
+from dehyst.models.signals.error_size import finite_rms
 from dehyst.models.units import pick_unit, spell_unit
 
 MODELS = (
@@ -96,7 +96,7 @@ def draw_error_spectrum(diagnosis: Diagnosis, axes: Axes) -> str:
         alpha=0.7,
         label="noise, if white",
     )
-    scale_by_decades(axes, x=True, y=True)
+    scale_by_decades(axes, y=True)
     axes.set(xlabel="frequency, Hz", ylabel=f"error, {unit}/√Hz", title="spectrum of the errors")
     add_legend(axes)
     return "Spectrum of the errors before and after, against white noise."
@@ -231,7 +231,7 @@ def _draw_place(
         axes.stairs(steps, edges, color=color, lw=2, label=text, baseline=None)
     axes.axhline(k * diagnosis.noise, color=NOISE, lw=2, alpha=0.7, label="noise")
     if edges[0] > 0 and edges[-1] / edges[0] > 50:
-        scale_by_decades(axes, x=True)
+        scale_by_decades(axes)
     axes.set_ylim(bottom=0)
     axes.set_ylabel(f"rms error, {unit}")
     add_legend(axes)

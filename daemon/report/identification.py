@@ -14,9 +14,9 @@ from dehyst.daemon.report.verdict import verdict
 from dehyst.models.drive_design.coverage import Coverage
 from dehyst.models.identify import Identification, describe
 from dehyst.models.recording import Recording
+from dehyst.models.signals.error_size import Z95
 from dehyst.models.units import spell_unit
 
-Z95 = 1.96
 OF_A_RECORDING = (
     ("Measured and model", (pictures.draw_few_cycles, pictures.draw_hysteresis_loop)),
     (

@@ -20,7 +20,6 @@ from dehyst.daemon.report.plotting import (
     draw_noise_band,
     draw_trace,
     estimate_density,
-    finite_rms,
     limit_to,
     scale_by_decades,
     thin_rows,
@@ -28,6 +27,7 @@ from dehyst.daemon.report.plotting import (
 )
 from dehyst.models.identify import Identification
 from dehyst.models.recording import Floats, Recording
+from dehyst.models.signals.error_size import Z95, finite_rms
 from dehyst.models.units import pick_unit, spell_unit
 
 CYCLES_SHOWN = 3
@@ -131,7 +131,7 @@ def draw_residual_spectrum(
         alpha=0.7,
         label="noise, if white",
     )
-    scale_by_decades(axes, x=True, y=True)
+    scale_by_decades(axes, y=True)
     axes.set(xlabel="frequency, Hz", ylabel=f"{unit}/√Hz", title="spectrum of the residual")
     add_legend(axes, 0.18)
     return "Spectrum of the residual against white noise of the estimated size."
@@ -188,7 +188,7 @@ def draw_slopes(result: Identification, axes: Axes) -> str:
         at = f"{result.rates[-1]:.3g} {spell_unit(result.model.drive_unit)}/s"
         parts = [(f"at up to +{at}", slice(0, n), UP), (f"at up to -{at}", slice(n, 2 * n), DOWN)]
     for label, part, color in parts:
-        slope, error = result.params.slopes[part], 1.96 * result.errors.slopes[part]
+        slope, error = result.params.slopes[part], Z95 * result.errors.slopes[part]
         axes.errorbar(h.r, slope, error, fmt="o-", ms=4, color=color, capsize=3, lw=1, label=label)
     smallest = float(h.r[h.r > 0].min()) if np.any(h.r > 0) else 1.0
     axes.set_xscale("symlog", linthresh=10 ** np.ceil(np.log10(smallest)))

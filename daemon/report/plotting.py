@@ -143,11 +143,11 @@ def draw_trace(axes: Axes, t_s: Floats, values: Floats, color: str, label: str) 
     axes.fill_between(t_s[:cut:each], low, high, color=color, lw=0.4, label=label)
 
 
-def scale_by_decades(axes: Axes, x: bool = False, y: bool = False) -> None:
-    """Make axes logarithmic; call after the curves are drawn. An axis without positive data stays
-    linear."""
+def scale_by_decades(axes: Axes, y: bool = False) -> None:
+    """Make the x axis logarithmic, and with `y` the y axis too; call after the curves are drawn. An
+    axis without positive data stays linear."""
     data = axes.dataLim
-    if x and np.isfinite(data.minposx):
+    if np.isfinite(data.minposx):
         axes.set_xscale("log")
     if y and np.isfinite(data.minposy):
         axes.set_yscale("log")
@@ -157,12 +157,6 @@ def thin_rows(*columns: Any) -> list[Any]:
     """Return every k-th row, at most MOST_POINTS rows."""
     step = 1 + columns[0].size // MOST_POINTS
     return [c[::step] for c in columns]
-
-
-def finite_rms(error: Floats) -> float:
-    """Return the rms of an error (M,) without NaN; 0 if no value is left."""
-    good = error[np.isfinite(error)]
-    return float(np.sqrt(good @ good / good.size)) if good.size else 0.0
 
 
 def draw_noise_band(axes: Axes, noise: float) -> None:

@@ -22,6 +22,7 @@ from dehyst.daemon.report.plotting import (
     draw_rows,
 )
 from dehyst.models.recording import Bools, Floats
+from dehyst.models.signals.error_size import finite_rms
 
 SECOND_S = 1.0
 """Length of a close look; also the unit of time for the band of extremes."""
@@ -99,7 +100,7 @@ def draw_story_bands(story: StoryData, axes: Axes) -> str:
     said, top = [], 0.0
     for one in list_phases(story):
         judged = 1e3 * story.rms.get(RMS[one.name], np.nan)
-        rms = judged if np.isfinite(judged) else _rms(error[one.part])
+        rms = judged if np.isfinite(judged) else finite_rms(error[one.part])
         first_s, last_s = story.t_s[one.part][[0, -1]]
         label = f"{one.name}: {rms:.0f} nm rms"
         axes.fill_between(
@@ -149,7 +150,7 @@ def draw_one_second(
     low, high = limits
     if np.isfinite(high - low) and high > low:
         axes.set_ylim(low - 0.06 * (high - low), high + 0.06 * (high - low))
-    rms = _rms(1e3 * (measured - target))
+    rms = finite_rms(1e3 * (measured - target))
     axes.set(xlabel="time, s", ylabel="displacement, um", title=f"{name}: {rms:.0f} nm rms here")
     add_legend(axes, 0.15)
     return f"One second, {name}: target and measured, {rms:.0f} nm rms apart."
@@ -188,7 +189,7 @@ def _clearest_second(story: StoryData, phases: Sequence[Phase]) -> int | None:
     if not starts:
         return None
     error = story.measured - story.target
-    rms = np.array([_rms(error[k : k + count]) for k in starts])
+    rms = np.array([finite_rms(error[k : k + count]) for k in starts])
     ways = np.array([_way(story, slice(k, k + count)) for k in starts])
     least, most = (share * float(np.quantile(rms, 0.9)) for share in TELLING)
     score = np.where((rms >= least) & (rms <= most), rms / np.maximum(ways, 1e-9), -1.0)
@@ -224,11 +225,6 @@ def _way(story: StoryData, window: slice) -> float:
     both = np.concatenate([story.target[window], story.measured[window]])
     both = both[np.isfinite(both)]
     return float(np.ptp(both)) if both.size else np.inf
-
-
-def _rms(error: Floats) -> float:
-    good = error[np.isfinite(error)]
-    return float(np.sqrt(np.mean(good**2))) if good.size else 0.0
 
 
 def _mark(story: StoryData, axes: Axes) -> str:

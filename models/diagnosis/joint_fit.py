@@ -33,7 +33,7 @@ class JointFit:
         return self.amplitudes[self.effects.index(effect)]
 
     @property
-    def effect_names(self) -> tuple[str, ...]:
+    def effect_keys(self) -> tuple[str, ...]:
         """Keys of the effects."""
         return tuple(e.candidate.key for e in self.effects)
 

@@ -179,7 +179,7 @@ def worth_with_companion(
     1978), so that two explanations of the same misfit are compared as a whole."""
     problem, fit = state.problem, trial.fit
     companion = trial.candidate.required_companion()
-    if companion and companion not in fit.effect_names:
+    if companion and companion not in fit.effect_keys:
         data, alone = problem.data, fit
         for other in (c for c in everything if c.key == companion):
             for theta in other.starts(data, alone.residual(data)):

@@ -1,7 +1,7 @@
 """The result of a diagnosis: findings, verdict, models, and arrays for pictures. Frozen."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,6 +10,9 @@ from dehyst.models.signals.joined import Bools, Floats
 
 FORMAT = 2
 DIGITS = 6
+
+Progress = Callable[[str, float], None]
+"""Told what is done next, in words, and the share that is done."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ Gains are sums of squares over the counted rows [displacement unit squared], alw
 else was refitted.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -24,6 +24,7 @@ from dehyst.models.diagnosis.judge import (
     try_candidate,
     worth_with_companion,
 )
+from dehyst.models.diagnosis.result import Progress
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.shortlist import (
     ScreenedCandidate,
@@ -35,14 +36,12 @@ from dehyst.models.diagnosis.shortlist import (
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Candidate
 
-Say = Callable[[str, float], None]
-
 
 def search(
     problem: Problem,
     sigma: float,
     null: JointFit,
-    say: Say,
+    say: Progress,
     share: float = TUNING.minor,
     forbidden: Sequence[str] = (),
 ) -> SearchState:
@@ -93,7 +92,7 @@ def is_better_search(other: SearchState, state: SearchState, left: float) -> boo
     return False
 
 
-def _forward(state: SearchState, say: Say, forbidden: Sequence[str]) -> SearchState:
+def _forward(state: SearchState, say: Progress, forbidden: Sequence[str]) -> SearchState:
     everything = list_eligible(state.problem.data, state.share, forbidden)
     for number in range(TUNING.max_effects):
         if state.problem.solution_count > TUNING.budget:
@@ -115,7 +114,7 @@ def search_one_more(
 
 
 def _run_round(
-    state: SearchState, everything: Sequence[Candidate], shortlist: int, say: Say, number: int
+    state: SearchState, everything: Sequence[Candidate], shortlist: int, say: Progress, number: int
 ) -> SearchState:
     """Screen, refit a short list and accept the best, if there is one."""
     screen, pool = (
@@ -129,7 +128,7 @@ def _run_round(
 
 
 def refit_each(
-    state: SearchState, short: Sequence[ScreenedCandidate], say: Say, number: int
+    state: SearchState, short: Sequence[ScreenedCandidate], say: Progress, number: int
 ) -> list[CandidateTrial]:
     """Return the trials of a short list, the most valuable first. number: index of the round."""
     problem, sigma, current = state.problem, state.sigma, state.accepted

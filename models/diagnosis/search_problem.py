@@ -24,6 +24,7 @@ from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import base_error, misfit_beyond_noise, try_candidate
 from dehyst.models.diagnosis.pasts import choose_pasts
+from dehyst.models.diagnosis.result import Progress
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
@@ -31,8 +32,6 @@ from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import format_length
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Data
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

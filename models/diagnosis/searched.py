@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from dehyst.models.diagnosis.base import compact_base
 from dehyst.models.diagnosis.data.noise import noise_rms
 from dehyst.models.diagnosis.data.survey import (
-    BUTTERFLY,
+    BUTTERFLY_WARNING,
     FEW_PLACES,
     has_response_to_drive,
     has_reversals_within_sweeps,
@@ -24,8 +24,9 @@ from dehyst.models.diagnosis.findings.spans import with_span
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.judge import SearchState, can_distinguish_lag
 from dehyst.models.diagnosis.pasts import explained_heads, rows_with_heads
+from dehyst.models.diagnosis.result import Progress
 from dehyst.models.diagnosis.search import search
-from dehyst.models.diagnosis.search_problem import Progress, SearchProblem, SearchStart
+from dehyst.models.diagnosis.search_problem import SearchProblem, SearchStart
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate, Sighting
@@ -78,13 +79,14 @@ def look_for_causes(search_problem: SearchProblem, say: Progress) -> Searched:
     sightings = tuple((c, one) for c, one in seen if one is not None)
     for candidate, one in sightings:
         other = _accept(rich, Effect(candidate, one.theta))
-        if candidate.key in other.accepted.effect_names:
+        if candidate.key in other.accepted.effect_keys:
             found = other
     few = "" if can_distinguish_lag(rich.problem, found.sigma) else FEW_PLACES
-    shown = frozenset(c.key for c, _ in sightings) & set(found.accepted.effect_names)
-    warnings = tuple(x for x in (search_problem.foreign, BUTTERFLY if butterfly else "", few) if x)
+    shown = frozenset(c.key for c, _ in sightings) & set(found.accepted.effect_keys)
+    warnings = (search_problem.foreign, BUTTERFLY_WARNING if butterfly else "", few)
     bare = replace(search_problem.bare, data=alone)
-    return Searched(whole, bare, found, search_problem.episode, sightings, shown, warnings)
+    told = tuple(one for one in warnings if one)
+    return Searched(whole, bare, found, search_problem.episode, sightings, shown, told)
 
 
 def _search_with_heads(
@@ -152,7 +154,7 @@ def _find_known(search_start: SearchStart, say: Progress, forbidden: Sequence[st
     found = _find(search_start, say, forbidden)
     kept = keep_helpful_effects(found.search)
     reported = keep_effects_of_known_size(kept)
-    vague = set(kept.accepted.effect_names) - set(reported.accepted.effect_names)
+    vague = set(kept.accepted.effect_keys) - set(reported.accepted.effect_keys)
     if vague:
         other = _find(search_start, say, (*forbidden, *vague))
         again = keep_effects_of_known_size(keep_helpful_effects(other.search))
@@ -256,7 +258,7 @@ def _accept(found: SearchState, seen: Effect) -> SearchState:
     """Return the search's result with a directly seen effect in its model, where that predicts
     held-out samples no worse; else unchanged."""
     problem, final = found.problem, found.accepted
-    if seen.candidate.key in final.effect_names:
+    if seen.candidate.key in final.effect_keys:
         return found
     fit = problem.solve([*final.effects, seen], problem.output_of(final))
     if blockwise_held_out_error(problem, fit) > blockwise_held_out_error(problem, final):

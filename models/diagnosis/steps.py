@@ -10,17 +10,21 @@ import numpy as np
 from dehyst.models.cascade.history import replay_recording
 from dehyst.models.diagnosis.augment import state_fit, with_rows_early
 from dehyst.models.diagnosis.data.locate import locate
-from dehyst.models.diagnosis.data.survey import BUTTERFLY, ONE_SIDE, centred_residual, survey
+from dehyst.models.diagnosis.data.survey import (
+    BUTTERFLY_WARNING,
+    ONE_SIDE,
+    centred_residual,
+    survey,
+)
 from dehyst.models.diagnosis.findings.decide import next_experiment
 from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.findings.repeated_search import RepeatedSearch
 from dehyst.models.diagnosis.findings.reported import is_narrow
 from dehyst.models.diagnosis.findings.shape import mark_not_contained
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState
-from dehyst.models.diagnosis.result import Diagnosis, Finding, FitView, Value
+from dehyst.models.diagnosis.result import Diagnosis, Finding, FitView, Progress, Value
 from dehyst.models.diagnosis.search_problem import (
     Prepared,
-    Progress,
     choose_base,
     join_recordings,
 )
@@ -30,6 +34,7 @@ from dehyst.models.diagnosis.verdict import Judged, reach_verdict
 from dehyst.models.model import Fit, Model
 from dehyst.models.physics.candidate import Candidate, Sighting
 from dehyst.models.recording import Recording
+from dehyst.models.signals.error_size import finite_rms
 from dehyst.models.signals.joined import Bools, Data, Floats
 
 
@@ -60,7 +65,7 @@ def diagnose(
         others = diagnose(rest, model, progress, several, with_limits)
         if others.verdict in ("clean", "explained"):
             (one,) = (one for one in recordings if one.name == odd)
-            beyond = _rms(_predict_centred(others.model, one))
+            beyond = finite_rms(_predict_centred(others.model, one))
             says = (
                 f"the recording {odd} does not belong to the others, and was left out"
                 if beyond > TUNING.near * others.noise
@@ -75,7 +80,8 @@ def _find_odd(prepared: Prepared) -> str:
     "" if there is none."""
     if not prepared.diagnosed.given or len(prepared.recordings) < TUNING.few:
         return ""
-    left = [_rms(_predict_centred(prepared.diagnosed.model, one)) for one in prepared.recordings]
+    model = prepared.diagnosed.model
+    left = [finite_rms(_predict_centred(model, one)) for one in prepared.recordings]
     *_, second, worst = sorted(left)
     odd = prepared.recordings[int(np.argmax(left))].name
     return odd if worst > TUNING.foreign_times * second else ""
@@ -114,8 +120,8 @@ def _report(
     base_model = diagnosed.model if diagnosed.given else with_rows_early(diagnosed.model, whole)
     views = tuple(_views(whole, recordings, (base_model, model)))
     rms: dict[str, Any] = {
-        "model": {v.name: _rms((v.displacement - v.base)[v.counted]) for v in views},
-        "augmented": {v.name: _rms((v.displacement - v.augmented)[v.counted]) for v in views},
+        "model": {v.name: finite_rms((v.displacement - v.base)[v.counted]) for v in views},
+        "augmented": {v.name: finite_rms((v.displacement - v.augmented)[v.counted]) for v in views},
         "rows": {v.name: int(np.count_nonzero(v.counted)) for v in views},
         "heldout_model": float(np.sqrt(written.held_in_use.mean_square)),
         "heldout_augmented": float(np.sqrt(written.held.mean_square)),
@@ -131,7 +137,7 @@ def _report(
         findings=findings,
         would_have_seen=limited,
         rms=rms,
-        next_experiment=ONE_SIDE if BUTTERFLY in searched.warnings else further,
+        next_experiment=ONE_SIDE if BUTTERFLY_WARNING in searched.warnings else further,
         model=model,
         base_model=base_model,
         views=views,
@@ -197,8 +203,3 @@ def _views(data: Data, recordings: Sequence[Recording], models: Sequence[Model])
 def _level(error: Floats, counted: Bools) -> float:
     """Return the mean over the rows that count; 0 where there is none."""
     return float(np.nanmean(error[counted])) if counted.any() else 0.0
-
-
-def _rms(x: Floats) -> float:
-    x = x[np.isfinite(x)]
-    return float(np.sqrt(np.mean(x**2))) if x.size else 0.0

@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+from dehyst.models.signals.error_size import Z95
+
 
 class Tuning(NamedTuple):
     """A size is an rms, relative to the rms of the noise; a share is a fraction of a power. Each
@@ -49,7 +51,7 @@ class Tuning(NamedTuple):
     # the model in use where nothing was recorded, relative to the recorded rows; first that works
     stiffnesses: tuple[float, ...] = (1e4, 1e2, 1.0)  # factors on the base's prior, tried in turn
     widest: float = 10.0  # factor that an interval may span
-    interval_width: float = 1.96  # standard deviations of white noise; blocks: Student's t
+    interval_width: float = Z95  # for white noise; for blocks Student's t
 
 
 TUNING = Tuning()

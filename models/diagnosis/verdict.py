@@ -7,7 +7,7 @@ import numpy as np
 
 from dehyst.models.diagnosis.data.colour import is_coloured
 from dehyst.models.diagnosis.data.locate import hot_spots, locate
-from dehyst.models.diagnosis.data.survey import BUTTERFLY, has_response_to_drive
+from dehyst.models.diagnosis.data.survey import BUTTERFLY_WARNING, has_response_to_drive
 from dehyst.models.diagnosis.evidence import blockwise_held_out_error
 from dehyst.models.diagnosis.findings.decide import (
     decide_verdict,
@@ -20,8 +20,7 @@ from dehyst.models.diagnosis.findings.shape import mark_not_written
 from dehyst.models.diagnosis.findings.weigh import Conclusion, conclude, with_episode
 from dehyst.models.diagnosis.held_out import HeldOutErrors
 from dehyst.models.diagnosis.judge import SearchState, base_error, misfit_beyond_noise
-from dehyst.models.diagnosis.result import Finding
-from dehyst.models.diagnosis.search_problem import Progress
+from dehyst.models.diagnosis.result import Finding, Progress
 from dehyst.models.diagnosis.searched import Searched
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.diagnosis.written_model import WrittenModel, choose_written_model
@@ -74,7 +73,7 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
     first = one.conclusion.bare
     in_use = HeldOutErrors(first, first, ())
     written = WrittenModel(bare.diagnosed.model, in_use, in_use)
-    if BUTTERFLY not in searched.warnings:  # no model of a butterfly can be inverted
+    if BUTTERFLY_WARNING not in searched.warnings:  # no model of a butterfly can be inverted
         written = choose_written_model(searched.whole, bare, one.conclusion, found.sigma)
     findings = [
         f if f.name == "shape" or f.key in written.contains else mark_not_written(f)

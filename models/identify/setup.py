@@ -42,9 +42,14 @@ from dehyst.models.signals.lone import (
     measure_peaks,
 )
 
+SETTLED = 0.3
+"""Least share of the rows that must be settled without a known start. After a known one the rows
+before a pause suffice, and TUNING.minor is enough."""
 TWO = 0.3
 """Least jump of a wild reading, as a share of its deviation: each of two in succession has a third,
 the peak of a mode that rings over ten rows a twentieth."""
+INNER = (0.02, 0.98)
+"""Quantiles of a reading between which its usual range lies."""
 
 
 @dataclass(frozen=True)
@@ -247,7 +252,7 @@ class FitSetup:
         limit = TUNING.wild * np.sqrt(chances) * scatter
         for pick, e, jump, one in zip(self.picks, residuals, left, self.rows, strict=True):
             off = np.abs(measure_deviation(e))
-            size = float(np.ptp(np.nanquantile(sample(one.y), [0.02, 0.98])))
+            size = float(np.ptp(np.nanquantile(sample(one.y), INNER)))
             jumps = np.minimum(np.abs(measure_jumps(one.y)), measure_peaks(e)) > BOTH * off
             jumps |= (off > TUNING.small * size) & (jump > TWO * off)
             with np.errstate(invalid="ignore"):
@@ -290,8 +295,7 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
     known = [_memory_is_known(one, one.virgin and trust_start) for one in rows]
     picks, running = [use & k for use, k in zip(allowed, known, strict=True)], None
     settled, total = (sum(int(np.count_nonzero(m)) for m in ms) for ms in (picks, allowed))
-    # from a known start the rows before a pause suffice; without one, more must have settled
-    least = TUNING.minor if virgin else 0.3
+    least = TUNING.minor if virgin else SETTLED
     if settled < max(least * total, TUNING.fewest_rows):
         picks = allowed
         if not virgin:
@@ -350,7 +354,7 @@ def _find_running_offset(u: Floats, span: float) -> float:
 def _find_far_outside(y: Floats) -> Bools:
     """Return the readings (N,) that lie outside the usual range by more than the width of that
     range; NaN does not."""
-    low, high = np.nanquantile(sample(y), [0.02, 0.98])
+    low, high = np.nanquantile(sample(y), INNER)
     with np.errstate(invalid="ignore"):
         return (y < low - (high - low)) | (y > high + (high - low))
 

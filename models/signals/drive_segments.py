@@ -8,6 +8,10 @@ import numpy as np
 
 from dehyst.models.recording import Floats
 
+BUTTERFLY = (
+    "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "
+    "ferroelectric that is driven through its coercive field)"
+)
 LONG_WAY = 0.5
 """Least length of a segment that counts, as a fraction of the drive range."""
 BACK = 0.25
@@ -59,7 +63,7 @@ def find_jumps_at_turns(u: Floats, y: Floats, way: float) -> Floats:
     span, gain = float(np.ptp(u)), float(np.ptp(np.quantile(y, [0.02, 0.98])))
     sense = np.sign(np.polyfit(u, y, 1)[0])
     found = []
-    turns = _find_turns(u, FAR_TURN * span)
+    turns = find_turns(u, FAR_TURN * span)
     for turn, end in pairwise([*turns, u.size]):
         moved = np.abs(u[turn:end] - u[turn]) >= way * span
         if not moved.any():
@@ -99,13 +103,13 @@ def find_drive_segments(t: Floats, u: Floats, u_range: float) -> DriveSegments:
     and after the last; reversals of less than SMALL_WAY are ignored."""
     each = max(1, u.size // MOST_POINTS)
     t, u = t[::each], u[::each]
-    turns = _find_turns(u, SMALL_WAY * u_range)
+    turns = find_turns(u, SMALL_WAY * u_range)
     fastest = [_fastest_half(t[a : b + 1], u[a : b + 1]) for a, b in pairwise(turns)]
     at = np.array(turns, int)
     return DriveSegments(np.diff(t[at]), np.abs(np.diff(u[at])), np.array(fastest))
 
 
-def _find_turns(u: Floats, least: float) -> list[int]:
+def find_turns(u: Floats, least: float) -> list[int]:
     """Return the rows of the extremes between which the drive moves by more than `least`; the start
     of the first move is not a turn."""
     turns: list[int] = []

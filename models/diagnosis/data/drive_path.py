@@ -13,6 +13,7 @@ from dehyst.models.physics.candidate import Candidate
 from dehyst.models.signals.drive_segments import (
     find_drive_segments,
     find_one_period,
+    find_turns,
     repeats_one_loop,
 )
 from dehyst.models.signals.joined import Data, Floats, Ints
@@ -44,20 +45,9 @@ def count_turns(data: Data, signal: Floats | None = None) -> int:
     """Return how often the drive, or a signal (N,), reverses after a move of a tenth of its range,
     in all recordings."""
     x = data.u if signal is None else signal
-    count, long = 0, LONG * float(np.ptp(x))
-    for p in np.unique(data.part):
-        one = x[data.part == p]
-        high = low = float(one[0])
-        direction = 0
-        for v in one[:: max(1, one.size // LOOKED_AT)]:
-            high, low = max(high, v), min(low, v)
-            if direction >= 0 and high - v > long:
-                count += direction > 0
-                direction, low = -1, v
-            elif direction <= 0 and v - low > long:
-                count += direction < 0
-                direction, high = 1, v
-    return count
+    parts = [x[data.part == p] for p in np.unique(data.part)]
+    looked_at = [one[:: max(1, one.size // LOOKED_AT)] for one in parts]
+    return sum(len(find_turns(one, LONG * float(np.ptp(x)))) for one in looked_at)
 
 
 def has_few_turns(data: Data) -> bool:

@@ -12,6 +12,17 @@ from numba import njit
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 from dehyst.models.units import spell_unit
 
+SLOTS = 24  # of a recording in time, and of the spectrum: a few per cent each
+LEVELS = 20  # of the drive's range, 5 % each
+STILL = 1e-3  # of the drive's range per 100 samples: the drive rests below this rate
+TURN = 2e-3  # of the drive's range: smaller reversals are noise of the drive, not turns
+HELD = 2e-4  # of the drive's range, between two samples: within this the drive is held
+FEWEST = 64  # samples of a part whose spectrum fills the bands
+LOCALISED = 0.2  # of the excess: where all bins together hold less, it is not in this table
+HOT = 0.15  # of the excess, which one bin must hold to be named,
+DENSE = 2.0  # and this many times what its share of the rows would hold by chance
+CORRELATED = 0.3  # correlation with a channel that is named: it explains a tenth of the power
+
 
 def locate(data: Data, residual: Floats, sigma: float) -> dict[str, Any]:
     """Return tables by name: {"edges" or "labels", "power" (mean square), "share", "unit"}.
@@ -39,19 +50,19 @@ def locate(data: Data, residual: Floats, sigma: float) -> dict[str, Any]:
             "unit": unit,
         }
 
-    elapsed = (
-        data.t - np.array([data.t[data.rec == i][0] for i in range(len(data.names))])[data.rec]
-    )
-    out["time"] = {
-        name: table(elapsed, np.linspace(0, elapsed[data.rec == i].max(), 25), "s", data.rec == i)
-        for i, name in enumerate(data.names)
-    }
+    begins = np.array([data.t[data.rec == i][0] for i in range(len(data.names))])
+    elapsed = data.t - begins[data.rec]
+    out["time"] = {}
+    for i, name in enumerate(data.names):
+        here = data.rec == i
+        edges = np.linspace(0, elapsed[here].max(), SLOTS + 1)
+        out["time"][name] = table(elapsed, edges, "s", here)
     volts = spell_unit(data.drive_unit)
-    out["drive"] = table(data.u, np.linspace(data.u.min(), data.u.max(), 21), volts)
+    out["drive"] = table(data.u, np.linspace(data.u.min(), data.u.max(), LEVELS + 1), volts)
     rate = np.diff(data.u, prepend=data.u[0]) / data.dt
     rate[data.starts] = 0.0
     smooth = np.convolve(rate, np.full(5, 0.2), "same")
-    still = np.abs(smooth) < 1e-3 * data.span / max(np.median(data.dt) * 100, 1e-9)
+    still = np.abs(smooth) < STILL * data.span / max(np.median(data.dt) * 100, 1e-9)
     out["direction"] = {
         "labels": ["falling", "resting", "rising"],
         "share": [
@@ -91,28 +102,28 @@ def hot_spots(tables: dict[str, Any]) -> dict[str, str]:
         share, count = np.array(t["share"]), np.array(t["count"], dtype=float)
         whole = count.sum() if name == "band" else tables["rows"]
         part = count / max(whole, 1)
-        if share.sum() < 0.2:
+        if share.sum() < LOCALISED:
             continue
         density = share / np.maximum(part, 0.01)
-        k = int(np.argmax(np.where(share > 0.15, density, 0)))
-        if share[k] > 0.15 and density[k] > 2.0:
+        k = int(np.argmax(np.where(share > HOT, density, 0)))
+        if share[k] > HOT and density[k] > DENSE:
             low, high = t["edges"][k], t["edges"][k + 1]
             out[name] = f"{share[k]:.0%} at {low:.3g} to {high:.3g} {t['unit']}"
     parts = [(n, k, s) for n, t in tables["time"].items() for k, s in enumerate(t["share"])]
     if parts:
         name, k, s = max(parts, key=lambda p: p[2])
-        if s > 0.15:
+        if s > HOT:
             edges = tables["time"][name]["edges"]
             out["time"] = f"{s:.0%} in {name} at {edges[k]:.3g} to {edges[k + 1]:.3g} s"
     strongest = max(tables["channels"].items(), key=lambda p: abs(p[1]), default=("", 0.0))
-    if abs(strongest[1]) > 0.3:
+    if abs(strongest[1]) > CORRELATED:
         out["channel"] = f"correlation {strongest[1]:.2f} with {strongest[0]}"
     return out
 
 
 def seconds_since_turn(data: Data) -> Floats:
     """Return (N,) seconds since the drive last reversed by more than 0.2 % of its range."""
-    return data.t - data.t[_last_turn(data.u, data.starts, 2e-3 * data.span)]
+    return data.t - data.t[_last_turn(data.u, data.starts, TURN * data.span)]
 
 
 @njit(cache=True, nogil=True)
@@ -145,7 +156,7 @@ def _last_turn(u: Floats, starts: Bools, margin: float) -> Ints:
 def time_in_hold(data: Data) -> Floats:
     """Return (N,) seconds that the drive has been at rest (within 0.02 % of its range); 0 while it
     moves."""
-    move = np.abs(np.diff(data.u, prepend=data.u[0])) > 2e-4 * data.span
+    move = np.abs(np.diff(data.u, prepend=data.u[0])) > HELD * data.span
     move |= data.starts
     last = np.maximum.accumulate(np.where(move, np.arange(data.n), 0))
     out = data.t - data.t[last]
@@ -160,12 +171,12 @@ def _bands(data: Data, e: Floats, sigma: float) -> dict[str, Any]:
     """Return the excess by frequency, in logarithmic bands of the spectra of each part."""
     top = 0.5 / data.period
     longest = max(float(np.ptp(data.t[data.rec == i])) for i in range(len(data.names)))
-    edges = np.geomspace(max(2.0 / longest, 1e-4 * top), top, 25)
-    power, count = np.zeros(24), np.zeros(24)
+    edges = np.geomspace(max(2.0 / longest, 1e-4 * top), top, SLOTS + 1)
+    power, count = np.zeros(SLOTS), np.zeros(SLOTS)
     for p in np.unique(data.part):
         here = data.part == p
         used = data.rows[here]
-        if used.sum() < 64:
+        if used.sum() < FEWEST:
             continue
         # rows that do not count weigh nothing and keep their time
         window = np.hanning(used.size) * used
@@ -173,9 +184,9 @@ def _bands(data: Data, e: Floats, sigma: float) -> dict[str, Any]:
         spectrum = np.abs(np.fft.rfft(x)) ** 2 / np.sum(window**2)
         f = np.fft.rfftfreq(used.size, float(data.dt[here][0]))
         place = np.digitize(f, edges) - 1
-        good = (place >= 0) & (place < 24)
-        power += np.bincount(place[good], spectrum[good], 24)
-        count += np.bincount(place[good], minlength=24)
+        good = (place >= 0) & (place < SLOTS)
+        power += np.bincount(place[good], spectrum[good], SLOTS)
+        count += np.bincount(place[good], minlength=SLOTS)
     over = np.clip(power - count * sigma**2, 0.0, None)
     return {
         "edges": edges.tolist(),

@@ -30,6 +30,12 @@ from dehyst.models.signals.pasts import FRESH
 from dehyst.models.signals.repeats import frozen_readings, repeated_readings
 
 FIRST_WAY = 0.8  # of the drive's range: end of the first sweep
+JITTER = 1.001  # periods per period that passes: above, jitter was rounded up to whole ones
+ALIKE = (0.5, 1.5)  # times the shortest step, between which a step counts as one period
+TIGHT = 0.1  # of the shortest step: largest standard deviation of the steps of one period
+MIXED = 1.3  # times the shortest step: a typical step above is a mean of one and several periods
+AT_LOWEST = 0.02  # of the drive's range: a part that begins within it begins at the lowest drive
+SWEPT = 0.6  # of the drive's range: once swept, the rows of a part count
 MISSED = "missed"  # channel of the daemon's recordings: 1 where the sample came late
 
 
@@ -75,7 +81,7 @@ def lay_on_grid(one: Recording) -> GriddedRecording:
     dt = _period(np.diff(t[raw]), typical_step(t))
     steps = np.maximum(np.round(np.diff(t[raw]) / dt), 1.0)
     near = steps <= TUNING.stall
-    if np.sum(steps[near]) > 1.001 * np.sum(np.diff(t[raw])[near]) / dt + 2:
+    if np.sum(steps[near]) > JITTER * np.sum(np.diff(t[raw])[near]) / dt + 2:
         steps[near] = 1.0  # the time stamps jitter, the samples do not
     long = steps > TUNING.long_gap
     place = np.r_[0, np.cumsum(np.where(long, 1.0, steps))].astype(np.int64)
@@ -119,10 +125,11 @@ def _period(steps: Floats, typical: float) -> float:
     typical step is a mean of one and two periods where every third row is missing. It is not used
     where most of that grid would be empty."""
     shortest = float(np.quantile(steps, 0.1))
-    alike = steps[(steps > 0.5 * shortest) & (steps < 1.5 * shortest)]
-    tight = float(np.std(alike)) < 0.1 * shortest
+    low, high = ALIKE
+    alike = steps[(steps > low * shortest) & (steps < high * shortest)]
+    tight = float(np.std(alike)) < TIGHT * shortest
     tight &= float(np.mean(steps)) < TUNING.few_of_grid * shortest
-    return float(np.mean(alike)) if tight and typical > 1.3 * shortest else typical
+    return float(np.mean(alike)) if tight and typical > MIXED * shortest else typical
 
 
 def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
@@ -253,10 +260,10 @@ def _known_history(u: Floats, cut: Bools, lowest: float) -> Bools:
     span = float(np.ptp(u))
     bounds = np.r_[np.flatnonzero(cut), u.size]
     for a, b in pairwise(bounds):
-        if abs(u[a] - lowest) < 0.02 * span:
+        if abs(u[a] - lowest) < AT_LOWEST * span:
             continue
         x = u[a:b]
         swept = np.maximum.accumulate(x) - np.minimum.accumulate(x)
-        head = int(np.searchsorted(swept, 0.6 * span))
+        head = int(np.searchsorted(swept, SWEPT * span))
         rows[a : a + min(head, (b - a) // 3)] = False
     return rows

@@ -8,16 +8,15 @@ from dehyst.models.diagnosis.data.drive_path import has_few_turns, has_long_rest
 from dehyst.models.diagnosis.data.noise import quantum
 from dehyst.models.diagnosis.result import DataQuality
 from dehyst.models.physics.candidate import format_length
-from dehyst.models.signals.drive_segments import count_reversing_segments
+from dehyst.models.signals.drive_segments import BUTTERFLY, count_reversing_segments
 from dehyst.models.signals.following import follows_changes
 from dehyst.models.signals.joined import Data, Floats
 
 COARSE = 1.5  # times the noise rms: a larger step of the reading is reported
 FOLLOWS = 0.2  # share of the displacement's power that a memory of the drive must explain
-BUTTERFLY = (
-    "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "
-    "ferroelectric that is driven through its coercive field): no model with one direction fits, "
-    "and none can be inverted; drive it on one side only"
+BUTTERFLY_WARNING = (
+    f"{BUTTERFLY}: no model with one direction fits, and none can be inverted; drive it on one "
+    "side only"
 )
 FEW_PLACES = (
     "the drive repeats itself and is read in so few places of its path that a hysteresis could "

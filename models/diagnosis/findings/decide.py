@@ -143,7 +143,7 @@ def _reservations(
         text += f" It could also be {' or '.join(others)}."
     if changed is not None:
         text += f" {changed.says}"
-    elif steady.spread > 0.5:
+    elif steady.spread > TUNING.half:
         text += " Its size is not constant, so treat it as unconfirmed."
     bounds = list(dict.fromkeys([*parameters_at_bound(effect), *wide]))
     if bounds and c.reports_bounds:

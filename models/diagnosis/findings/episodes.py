@@ -13,6 +13,7 @@ import numpy as np
 from dehyst.models.diagnosis.result import Finding, Value
 from dehyst.models.physics import line_for_a_time
 from dehyst.models.physics.candidate import format_length
+from dehyst.models.signals.error_size import Z95
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 from dehyst.models.signals.lines import is_drive_line
 
@@ -22,7 +23,6 @@ TOWERS = 6.0  # times the median of its neighbours, for a line in a stretch
 ABSENT = 0.35  # of the largest amplitude: below, the line is absent
 MOST_OF_TIME = 0.75  # present for longer, it is no episode
 NEIGHBOURS = 20  # bins to either side
-WIDTH = 1.96
 SAME_LINE = 0.01  # relative distance of frequencies
 BAND = 1.25  # factor of frequency to either side, within which a line must be alone:
 LEFT = 0.3  # of its power, at most, may remain there, and be there at other times
@@ -75,7 +75,7 @@ def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
     here, f = line.here, line.frequency
     start, end = float(data.t[here].min()), float(data.t[here].max())
     size = float(np.sqrt(2.0 * np.mean(line.removed[here] ** 2)))
-    half = max(WIDTH * float(np.std(line.sizes)), 0.1 * size)
+    half = max(Z95 * float(np.std(line.sizes)), 0.1 * size)
     name = data.names[line.recording]
     span = f"{start:.3g} to {end:.3g} s"
     sure = 0.5 / max(end - start, 1e-9)

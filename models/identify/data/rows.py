@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dehyst.models.errors import BadRecording
 from dehyst.models.identify.data.outliers import remove_glitches, sample
 from dehyst.models.identify.tuning import TUNING
-from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.recording import GAP_PERIODS, Bools, Floats, Recording
 from dehyst.models.signals.repeats import frozen_readings, repeated_readings
 from dehyst.models.units import spell_unit
 
@@ -167,7 +167,7 @@ def compute_rates(t: Floats, u: Floats, period: float) -> tuple[Floats, NDArray[
             count += 1
         else:
             dt = t[i] - t[last]
-            if dt <= 1.6 * period:
+            if dt <= GAP_PERIODS * period:
                 rate[i] = (u[i] - u[last]) / dt
             elif dt > TUNING.long_gap * period:
                 resets[count] = i

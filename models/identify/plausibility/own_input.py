@@ -15,17 +15,16 @@ from dehyst.models.identify.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording
 from dehyst.models.signals.drive_segments import (
+    BUTTERFLY,
     count_reversing_segments,
     find_jumps_at_turns,
 )
+from dehyst.models.signals.error_size import rms
 from dehyst.models.signals.joined import Ints
 from dehyst.models.signals.jumps import measure_share_in_jumps
 from dehyst.models.signals.rounding import quantum
 
-BUTTERFLY = (
-    "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "
-    "ferroelectric that is driven through its coercive field); drive it on one side of that only"
-)
+REFUSED_BUTTERFLY = f"{BUTTERFLY}; drive it on one side of that only"
 
 TURN, JUMP, REPEATED = 0.04, 0.07, 0.07
 """Of a turn with friction: the way after it as a fraction of the drive's range; by how much the
@@ -89,9 +88,9 @@ def simulate_own_input(
                 one.name,
                 int(known.sum()),
                 int(fit.sum()),
-                _rms(error[known]),
-                _rms(error[fit]),
-                _rms(error[others]),
+                rms(error[known]),
+                rms(error[fit]),
+                rms(error[others]),
                 float(np.ptp(one.y[known])) if known.any() else 0.0,
             )
         )
@@ -156,7 +155,7 @@ def require_ordinary_loop(recordings: Sequence[Recording]) -> None:
         if u.size < TUNING.fewest_rows or not np.ptp(y):
             continue  # too short, or a dead gauge: read_rows reports these
         if is_butterfly(one.drive, one.displacement):
-            raise BadRecording(f"{one.name}: {BUTTERFLY}")
+            raise BadRecording(f"{one.name}: {REFUSED_BUTTERFLY}")
         if np.any(np.diff(u) > 0) and np.any(np.diff(u) < 0):
             _require_another_signal(one.name, u, y)
         _require_narrow(one.name, measure_loop_width(u, y))
@@ -251,7 +250,7 @@ def _follows(u: Floats, y: Floats) -> bool:
 def _why_outside(model: Model, rows: Rows) -> str:
     """Explain why no model of this class follows a recording, as far as its segments show it."""
     if is_butterfly(rows.u, rows.y):
-        return BUTTERFLY
+        return REFUSED_BUTTERFLY
     if describe(model).hysteresis > TUNING.half:
         return (
             "the displacement jumps and stays, as with dry friction or a ferroelectric that "
@@ -272,7 +271,3 @@ def is_butterfly(u: Floats, y: Floats) -> bool:
         return False
     ways, backs = count_reversing_segments(u, y, float(np.ptp(u)), float(np.ptp(y)))
     return ways > 0 and backs > 0.5 * ways and _follows(u, y)
-
-
-def _rms(x: Floats) -> float:
-    return float(np.sqrt(np.mean(x**2))) if x.size else float("nan")

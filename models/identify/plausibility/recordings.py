@@ -11,6 +11,7 @@ from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.signals.error_size import rms
 
 ROUGHNESS_ROWS = 100_000
 PLACES, FEW_PLACES = 100, 3
@@ -237,8 +238,3 @@ def _fit_slope(u: Floats, y: Floats) -> float:
     du = u - u.mean()
     power = float(du @ du)
     return float(du @ (y - y.mean())) / power if power > 0.0 else 0.0
-
-
-def rms(x: Floats) -> float:
-    """Return the root mean square; NaN for an empty array."""
-    return float(np.sqrt(np.mean(x**2))) if x.size else float("nan")

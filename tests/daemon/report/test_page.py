@@ -13,9 +13,9 @@ from dehyst.daemon.report.plotting import (
     draw_side_by_side,
     draw_trace,
     estimate_density,
-    finite_rms,
     white_density,
 )
+from dehyst.models.signals.error_size import finite_rms
 from dehyst.models.units import pick_unit, spell_size, spell_unit
 
 NASTY = "<script>alert('x')</script> & \"a\""

@@ -65,7 +65,7 @@ def candidate(data: Data, key: str) -> Candidate:
 def test_each_parameter_costs_16_noise_variances() -> None:
     problem, state = problem_of(make(gains=(0.2, 0.2), n=500))
     found = search(problem, SIGMA, state.null, lambda text, share: None)
-    assert found.accepted.effect_names == ("coupling-u2_v",)
+    assert found.accepted.effect_keys == ("coupling-u2_v",)
     seen = 0
     for trial in found.rounds[0]:
         effect = trial.fit.effects[0]
@@ -333,7 +333,7 @@ def test_of_two_that_are_alike_the_one_that_the_other_makes_up_for_goes_first(
         fit = min(fits, key=lambda f: f.sse)
     monkeypatch.setattr(reported, "TUNING", TUNING._replace(widest=1.08))
     kept = keep_effects_of_known_size(replace(state, accepted=fit)).accepted
-    assert kept.effect_names == ("drift-trend",)
+    assert kept.effect_keys == ("drift-trend",)
 
 
 def test_what_explains_another_part_of_the_misfit_is_no_rival() -> None:

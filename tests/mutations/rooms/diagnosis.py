@@ -176,8 +176,8 @@ CHANGES = [
         Change(
             "company-forgotten",
             JUDGE,
-            "if companion and companion not in fit.effect_names:",
-            "if companion in fit.effect_names:",
+            "if companion and companion not in fit.effect_keys:",
+            "if companion in fit.effect_keys:",
             "creep that began before the recording is reported as a warm-up",
         ),
         Change(

@@ -157,7 +157,7 @@ CHANGES = [
         ),
         Change(
             "log-of-nothing", "daemon/report/plotting.py",
-            "if x and np.isfinite(data.minposx):", "if x:",
+            "if np.isfinite(data.minposx):", "if True:",
             "a picture with nothing above 0 on a logarithmic axis is not drawn",
         ),
         Change(
