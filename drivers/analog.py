@@ -2,6 +2,7 @@
 can reach, the scale of a reading, and calls of a vendor's C function from compiled code."""
 
 import math
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -9,9 +10,10 @@ from llvmlite import ir
 from numba import carray, njit, types
 
 from dehyst.drivers.direct_calls import pointer
-from dehyst.drivers.interface import DriverConfigError
+from dehyst.drivers.interface import DeviceGone, DriverConfigError, DriverError, OutOfRange
 
 INT = ir.IntType(32)
+CLOSED, NOT_IN_RANGE = 1, 2  # results of the compiled functions, next to the vendor's own
 
 
 class OutputRange(Protocol):
@@ -52,6 +54,20 @@ def check_output_range(settings: OutputRange, where: str) -> None:
                 f"within the {low_v:g} to {high_v:g} V of {where}; at gain {settings.gain:g} it "
                 f"would be {volts:g} V",
             )
+
+
+def explain_with(who: str, fault_of: Callable[[int], DriverError]) -> Callable[[int], DriverError]:
+    """Return what explains the results of a channel's compiled functions. who: the channel;
+    fault_of: explains the vendor's codes."""
+
+    def explain(code: int) -> DriverError:
+        if code == CLOSED:
+            return DeviceGone(f"{who} is not open")
+        if code == NOT_IN_RANGE:
+            return OutOfRange(f"{who}: the value is outside its range; nothing was written")
+        return fault_of(code)
+
+    return explain
 
 
 def call_c(builder: Any, address: Any, arguments: list[Any]) -> Any:

@@ -5,6 +5,7 @@ import math
 import os
 import tempfile
 import threading
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,14 +31,13 @@ from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, LoopCommand, 
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.status import STATUS
 from dehyst.daemon.service.supervisor import BenchProcess
-from dehyst.drivers.interface import Actuator, Sensor
 from dehyst.drivers.registry import load_actuator, load_sensor
 from dehyst.drivers.simulated.devices import SimulatedActuator, SimulatedSensor
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Hysteresis, Model, Validity
 
 STALLS = (MissCause.STALL, MissCause.STEAL, MissCause.SUSPENDED, MissCause.PREEMPTED)
-IO_S = 2.0  # how long each device is timed
+IO_S, MOST_CALLS = 2.0, 2000  # how long each device is timed, and at most with how many calls
 TOLERATED = 1e-4  # largest share of missed deadlines
 FULL_SCALE_V, STROKE_UM = 150.0, 17.0
 
@@ -204,26 +204,12 @@ def measure(setup: Setup) -> LatencyOutcome:
     )
 
 
-def time_sensor(sensor: Sensor, seconds: float, most: int = 2000) -> Histogram:
-    """Return the durations of readings [us]; moves nothing."""
-    histogram, end_ns = Histogram(), clock.monotonic_ns() + round(seconds * clock.NS)
-    for _ in range(most):
+def time_calls(call: Callable[[], object]) -> Histogram:
+    """Return the durations of a device's calls [us]."""
+    histogram, end_ns = Histogram(), clock.monotonic_ns() + round(IO_S * clock.NS)
+    for _ in range(MOST_CALLS):
         before_ns = clock.monotonic_ns()
-        sensor.read()
-        after_ns = clock.monotonic_ns()
-        histogram.add((after_ns - before_ns) * 1e-3)
-        if after_ns > end_ns:
-            break
-    return histogram
-
-
-def time_actuator(actuator: Actuator, seconds: float, most: int = 2000) -> Histogram:
-    """Return the durations of writes of the present voltage [us]; for emulated units only."""
-    histogram, end_ns = Histogram(), clock.monotonic_ns() + round(seconds * clock.NS)
-    volts = actuator.output()
-    for _ in range(most):
-        before_ns = clock.monotonic_ns()
-        actuator.write(volts)
+        call()
         after_ns = clock.monotonic_ns()
         histogram.add((after_ns - before_ns) * 1e-3)
         if after_ns > end_ns:
@@ -245,7 +231,7 @@ def time_devices(config: Config | None) -> dict[str, Histogram]:
         with closing(sensor):
             expect_known(config, SENSOR, sensor)
             sensor.open()
-            read = time_sensor(sensor, IO_S)
+            read = time_calls(sensor.read)
         return {f"read {config.sensor.driver}": read, f"write {config.actuator.driver}": write}
     with tempfile.TemporaryDirectory(prefix="dehyst-") as folder:
         bench = BenchProcess(Path(folder), [])
@@ -255,9 +241,10 @@ def time_devices(config: Config | None) -> dict[str, Histogram]:
             with closing(gauge), closing(amplifier):
                 gauge.open()
                 amplifier.open()
+                volts = amplifier.output()
                 return {
-                    "read emulated KSG101": time_sensor(gauge, IO_S),
-                    "write emulated MDT693B": time_actuator(amplifier, IO_S),
+                    "read emulated KSG101": time_calls(gauge.read),
+                    "write emulated MDT693B": time_calls(lambda: amplifier.write(volts)),
                 }
         finally:
             bench.close()

@@ -6,26 +6,24 @@ comparison for each axis. A step's result has `axes`, with the result of each ax
 
 import json
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 
-from dehyst.daemon.api.functions import identify, validate
+from dehyst.daemon.api.functions import identify
 from dehyst.daemon.config.text import limits_within, write_commented
 from dehyst.daemon.loop.checks import check_unopened
 from dehyst.daemon.setup import moving_axes
 from dehyst.daemon.setup.steps import (
-    FRESH,
     UNITS_OPTIONS,
     Result,
     Step,
     ask_limits,
     chosen_rate,
     find_units,
-    more_than_claimed,
     rate_found,
     replace_configuration,
     say_what_next,
     settings_of_unit,
+    validate_on,
 )
 from dehyst.daemon.setup.workbench import CONFIG, Workbench
 from dehyst.models.errors import BadInput
@@ -137,23 +135,12 @@ def identify_models(bench: Workbench) -> Result:
 def validate_models(bench: Workbench) -> Result:
     """Check how well each model predicts a recording with another drive, all axes moving
     together."""
-    fresh = moving_axes.record_fresh(bench, FRESH)
+    fresh = moving_axes.record_fresh(bench)
     axes = {}
     for axis, kept in fresh.items():
         bench.say(f"   {axis}: {kept['words']}")
-        found = validate(bench.model_path_of(axis), bench.folder / kept["recording"])
-        found.report(bench.in_folder("validation.html", axis))
-        one = found.results[0]
-        words = f"predicted to {one.share:.2%} of the span ({one.rms:.3g} {one.unit} rms)"
-        if one.worse:
-            recording = bench.folder / kept["recording"]
-            words += more_than_claimed(one, bench.model_path_of(axis), recording)
-        axes[axis] = kept | {
-            "words": words,
-            "rms": one.rms,
-            "share_of_span": one.share,
-            "worse_than_claimed": one.worse,
-        }
+        report = bench.in_folder("validation.html", axis)
+        axes[axis] = validate_on(bench.model_path_of(axis), kept, report)
     return together(axes, "validation-NAME.html")
 
 
@@ -190,7 +177,7 @@ AXES_STEPS = (
         "validate them on new drives",
         validate_models,
         (),
-        partial(moving_axes.describe_fresh, seed=FRESH),
+        moving_axes.describe_fresh,
     ),
     Step(
         "track",

@@ -162,16 +162,16 @@ def summarise_comparison(
     with whole_file(picture) as file:
         file.write(draw_side_by_side(draws, (1.5, 1.5, 1.0)))
     smaller, latest = before.rms_nm / after.rms_nm, max(late for _, late in played.values())
-    busy = (
-        f"; this machine was too busy to judge ({latest:.1%} of the samples were too late): "
-        "--from track repeats it"
-    )
+    busy = ""
+    if latest > TUNING.most_late:
+        busy = (
+            f"; this machine was too busy to judge ({latest:.1%} of the samples were too late): "
+            "--from track repeats it"
+        )
     return {
         "words": f"{plan.stroke:.4g} {plan.unit} at {plan.f_hz:.3g} Hz: {before.rms_nm:.0f} nm rms "
         f"with a linear gain, {after.rms_nm:.0f} nm compensated, {smaller:.1f} times smaller, "
-        f"with the gauge's zero set in the cycle before; {picture.name}"
-        + busy
-        * (latest > TUNING.most_late),
+        f"with the gauge's zero set in the cycle before; {picture.name}{busy}",
         "linear_rms_nm": before.rms_nm,
         "compensated_rms_nm": after.rms_nm,
         "times_smaller": smaller,

@@ -47,6 +47,7 @@ class Tuning:
 
 
 TUNING = Tuning()
+FRESH = 1  # seed of the drive for validation; 0 is the seed for identification
 
 
 # -- gentle loops ---------------------------------------------------------------------------------
@@ -151,24 +152,24 @@ def drive_for(config: Config, wishes: Wishes, seed: int) -> Excitation:
     )
 
 
-def describe_drive(bench: Workbench, seed: int, exercise_s: float) -> str:
+def describe_drive(bench: Workbench, seed: int) -> str:
     """Describe the motion of a recording with the drive of this seed."""
     config = bench.config()
     drive, limits = drive_for(config, bench.wishes, seed), config.limits
     sines = ", ".join(f"{f:.3g}" for f in drive.frequencies_hz)
     return (
-        f"moves: {exercise_s:g} s of full loops, then {drive.t_s[-1]:.3g} s of sines of {sines} Hz "
-        f"together, from {drive.u.min():.4g} to {drive.u.max():.4g} V at up to "
+        f"moves: {TUNING.exercise_s:g} s of full loops, then {drive.t_s[-1]:.3g} s of sines of "
+        f"{sines} Hz together, from {drive.u.min():.4g} to {drive.u.max():.4g} V at up to "
         f"{drive.rate_max:.4g} V/s (limits: {limits.min_v:g} to {limits.max_v:g} V, "
         f"{limits.slew_v_per_s:g} V/s); then it returns to where it was"
     )
 
 
-def record_drive(bench: Workbench, seed: int, exercise_s: float, stem: str) -> dict[str, Any]:
+def record_drive(bench: Workbench, seed: int, stem: str) -> dict[str, Any]:
     """Play the drive of this seed and record. Raises NotNow if the drive for identification, with
     seed 0, excites too little."""
     drive = drive_for(bench.config(), bench.wishes, seed)
-    found = bench.play(drive.t_s, drive.u, exercise_s, "recording")
+    found = bench.play(drive.t_s, drive.u, TUNING.exercise_s, "recording")
     path = bench.keep(found, stem)
     return judge_recording(found, path, bench.config().loop.rate_hz, identified=seed == 0)
 

@@ -17,6 +17,7 @@ from dehyst.daemon.files.axis_columns import axis_column
 from dehyst.daemon.setup import comparison
 from dehyst.daemon.setup.comparison import COMPENSATED, LINEAR, SinePlan
 from dehyst.daemon.setup.moving import (
+    FRESH,
     TUNING,
     check_gauge_follows,
     drive_for,
@@ -188,9 +189,9 @@ def describe_record(bench: Workbench) -> str:
     )
 
 
-def describe_fresh(bench: Workbench, seed: int) -> str:
+def describe_fresh(bench: Workbench) -> str:
     """Describe the motion of `record_fresh`."""
-    t_s, volts = drives_for(bench, seed)
+    t_s, volts = drives_for(bench, FRESH)
     return (
         f"moves: {TUNING.exercise_s:g} s of full loops, then {t_s[-1]:.3g} s of all axes together, "
         f"each with sines of its own; {_within(bench, volts)}"
@@ -227,9 +228,9 @@ def record_axes_in_turn(bench: Workbench) -> Result:
     return _judged(bench, found, "recording")
 
 
-def record_fresh(bench: Workbench, seed: int) -> Result:
+def record_fresh(bench: Workbench) -> Result:
     """Record all axes together, each with a drive that was not used to identify its model."""
-    t_s, volts = drives_for(bench, seed)
+    t_s, volts = drives_for(bench, FRESH)
     found = bench.play_axes(t_s, volts, TUNING.exercise_s, "recording")
     return _judged(bench, found, "fresh", identified=False)
 

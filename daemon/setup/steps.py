@@ -23,11 +23,9 @@ from dehyst.daemon.setup.units import (
 from dehyst.daemon.setup.workbench import CONFIG, MADE, MODEL, Workbench
 from dehyst.drivers.serial_port import list_serial_ports
 from dehyst.models.errors import BadInput, NotNow
-from dehyst.models.identify.validation import Validation
 
 RATE_SHARE = 0.95  # of the rate at which these units still have time for late replies
 MOST_HZ = 1000.0  # highest loop rate, even if the units sustain more
-FRESH = 1  # seed of the drive for validation; 0 is the seed for identification
 
 UNITS_OPTIONS = ("ports", "axis", "axes")
 
@@ -238,29 +236,31 @@ def identify_model(bench: Workbench) -> Result:
 
 def validate_model(bench: Workbench) -> Result:
     """Check how well the model predicts a recording with another drive."""
-    fresh = moving.record_drive(bench, FRESH, moving.TUNING.exercise_s, "fresh")
+    fresh = moving.record_drive(bench, moving.FRESH, "fresh")
     bench.say(f"   {fresh['words']}")
-    found = validate(bench.model_path, bench.folder / fresh["recording"])
-    found.report(bench.folder / "validation.html")
+    found = validate_on(bench.model_path, fresh, bench.folder / "validation.html")
+    return found | {"words": f"{found['words']}; validation.html"}
+
+
+def validate_on(model: Path, fresh: Result, report: Path) -> Result:
+    """Return the result of a recording in the folder of the report, with how well the model
+    predicts it; write the report."""
+    recording = report.parent / fresh["recording"]
+    found = validate(model, recording)
+    found.report(report)
     one = found.results[0]
     words = f"predicted to {one.share:.2%} of the span ({one.rms:.3g} {one.unit} rms)"
     if one.worse:
-        words += more_than_claimed(one, bench.model_path, bench.folder / fresh["recording"])
+        words += (
+            f", worse than it claims ({one.claim:.3g} {one.unit} rms); what it lacks: dehyst "
+            f"diagnose {recording} --model {model} -o {recording.parent / 'findings'}"
+        )
     return fresh | {
-        "words": f"{words}; validation.html",
+        "words": words,
         "rms": one.rms,
         "share_of_span": one.share,
         "worse_than_claimed": one.worse,
     }
-
-
-def more_than_claimed(found: Validation, model: Path, recording: Path) -> str:
-    """Return the message for a model that predicts worse than it claims, with the command to run
-    next."""
-    return (
-        f", worse than it claims ({found.claim:.3g} {found.unit} rms); what it lacks: dehyst "
-        f"diagnose {recording} --model {model} -o {recording.parent / 'findings'}"
-    )
 
 
 def offer_service(bench: Workbench) -> Result:
@@ -297,9 +297,9 @@ STEPS = (
     Step(
         "record",
         "excite and record",
-        partial(moving.record_drive, seed=0, exercise_s=moving.TUNING.exercise_s, stem="recording"),
+        partial(moving.record_drive, seed=0, stem="recording"),
         ("band_hz", "seconds"),
-        partial(moving.describe_drive, seed=0, exercise_s=moving.TUNING.exercise_s),
+        partial(moving.describe_drive, seed=0),
     ),
     Step("identify", "identify a model", identify_model),
     Step(
@@ -307,7 +307,7 @@ STEPS = (
         "validate it on a new drive",
         validate_model,
         (),
-        partial(moving.describe_drive, seed=FRESH, exercise_s=moving.TUNING.exercise_s),
+        partial(moving.describe_drive, seed=moving.FRESH),
     ),
     Step(
         "track",

@@ -9,7 +9,7 @@ The voltage limit is read and checked; it is never set, because it changes the v
 
 import math
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ READBACK_COUNTS = 33
 rounding in the unit. A set that was not carried out is off by more, or by too little to matter."""
 
 
-class AptPiezo(AptRole, ABC):
+class AptPiezo(AptRole):
     """One output of a unit of `kind`; a subclass names the kind and reads the voltage limit."""
 
     def __init__(
@@ -64,7 +64,7 @@ class AptPiezo(AptRole, ABC):
         if channel.is_open:
             return
         channel.connect(self._known)
-        try:
+        with self._closed_on_failure():
             found, identity = channel.identify(self._known)
             self._check_channel(channel)
             check_ready(channel)
@@ -81,9 +81,6 @@ class AptPiezo(AptRole, ABC):
             # the present voltage is set again: a set costs the unit as much as the request for it
             again = channel.encode("pz_set_outputvolts", voltage=counts)
             times = BATCHES.best(lambda: reported_counts(channel, again), self._clock)
-        except BaseException:
-            channel.close()
-            raise
         self._limit_v, self._set_v = limit_v, set_v
         self.unit = self._known = found
         self.spec = replace(
@@ -116,12 +113,6 @@ class AptPiezo(AptRole, ABC):
     def output(self) -> float:
         """Return the set-point in V that the unit reported last; NaN before open()."""
         return self._set_v
-
-    def reconnect(self) -> None:
-        """Open the port again, check that the same unit answers, and query its output; the output
-        does not move."""
-        self.close()
-        self.open()
 
     @abstractmethod
     def _read_limit_v(self, channel: AptChannel) -> float:

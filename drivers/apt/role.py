@@ -1,18 +1,17 @@
 """What the amplifier and the gauge of an APT unit have in common: both use one of its channels."""
 
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Self
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 from dehyst.drivers.apt.channel import AptChannel
 from dehyst.drivers.apt.link import AptKind
 from dehyst.drivers.apt.settings import AptSettings
-from dehyst.drivers.interface import UnitIdentity
-from dehyst.drivers.settings import read_settings
+from dehyst.drivers.driver import IdentifiedDriver
 
 
-class AptRole:
-    """One role of one channel of a unit of `kind`. unit: what answered at open()."""
+class AptRole(IdentifiedDriver):
+    """One role of one channel of a unit of `kind`."""
 
     kind: ClassVar[AptKind]
     settings_type: ClassVar[type[AptSettings]]
@@ -21,22 +20,11 @@ class AptRole:
         self.settings = settings
         self._clock = clock
         self._channel = AptChannel(self.kind, settings, clock, self.number)
-        self.unit: UnitIdentity | None = None
-        self._known: UnitIdentity | None = None
-
-    @classmethod
-    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Make a driver; DriverConfigError names a wrong key."""
-        return cls(read_settings(cls.settings_type, settings))
 
     @property
     def number(self) -> int:
         """The channel's number, from 1."""
         return 1
-
-    def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
-        self._known = unit
 
     def close(self) -> None:
         """Close the port; an output stays where it is. Safe to call twice."""

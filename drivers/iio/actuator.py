@@ -7,15 +7,14 @@ real files laid out like sysfs, not on a converter.
 """
 
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dehyst.drivers.driver import Driver, found_outside, out_of_range
 from dehyst.drivers.iio.channel import Channel, count_range
 from dehyst.drivers.iio.settings import IioActuatorSettings
-from dehyst.drivers.interface import DeviceNotFound, DeviceSpec, DriverConfigError, OutOfRange
-from dehyst.drivers.settings import read_settings
+from dehyst.drivers.interface import DeviceNotFound, DeviceSpec, DriverConfigError
 
 if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
     from dehyst.drivers.direct_calls import Direct
@@ -24,7 +23,7 @@ LATENCY_S = 1e-4  # assumed duration of a write over SPI; it is not measured
 HAIR = 1e-6  # of a count: a range limit that falls on a count includes it
 
 
-class IioActuator:
+class IioActuator(Driver):
     """A converter channel as a voltage source; volts here are volts at the piezo."""
 
     settings_type = IioActuatorSettings
@@ -38,22 +37,14 @@ class IioActuator:
         context["output_v"] = math.nan
         self.spec = self._spec("")
 
-    @classmethod
-    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Make a driver; DriverConfigError names a wrong key."""
-        return cls(read_settings(cls.settings_type, settings))
-
     def open(self) -> None:
         """Find the channel, its scale and offset, and the present output. Moves nothing."""
         channel = self._channel
         if channel.is_open:
             return
         channel.open()
-        try:
+        with self._closed_on_failure():
             self._learn()
-        except BaseException:
-            self.close()
-            raise
         self.spec = self._spec(channel.identity())
 
     def write(self, volts: float) -> None:
@@ -63,10 +54,8 @@ class IioActuator:
         """
         c = self._channel.context[0]
         if self._channel.is_open and not c["minimum_v"] <= volts <= c["maximum_v"]:
-            raise OutOfRange(
-                f"iio: {volts} V is outside {self.spec.minimum} to {self.spec.maximum} V of "
-                f"{self._channel.file}; nothing was written"
-            )
+            who = f"iio: {self._channel.file}"
+            raise out_of_range(who, volts, self.spec.minimum, self.spec.maximum)
         exact = np.rint(self._exact_counts(volts))
         self._channel.write_counts(int(min(max(exact, c["low"]), c["high"])))
         c["output_v"] = volts
@@ -80,11 +69,6 @@ class IioActuator:
         from dehyst.drivers.iio import direct_calls
 
         return direct_calls.actuator(self._channel)
-
-    def reconnect(self) -> None:
-        """Open the channel again; the output does not move."""
-        self.close()
-        self.open()
 
     def close(self) -> None:
         """Release the channel; the output stays where it is. Safe to call twice."""
@@ -112,11 +96,7 @@ class IioActuator:
         stands_v = self._volts(channel.read_counts())
         half_v = self._volts(1) / 2.0 - self._volts(0) / 2.0
         if not settings.min_v - half_v <= stands_v <= settings.max_v + half_v:
-            raise DriverConfigError(
-                f"iio: the output is at {stands_v:g} V, outside the {settings.min_v:g} to "
-                f"{settings.max_v:g} V allowed; bring it into that range by hand, or change the "
-                "limits"
-            )
+            raise found_outside("iio", stands_v, settings.min_v, settings.max_v)
         if not abs(stands_v - c["output_v"]) <= half_v * (1 + HAIR):  # off by more than a count
             c["output_v"] = min(max(stands_v, settings.min_v), settings.max_v)
 

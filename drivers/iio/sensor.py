@@ -5,20 +5,20 @@ Tested on real files laid out like sysfs, not on a converter.
 
 import math
 import time
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Self
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from dehyst.drivers.call_times import typical_s
+from dehyst.drivers.driver import Driver
 from dehyst.drivers.iio.channel import Channel, count_range
 from dehyst.drivers.iio.settings import IioSensorSettings
 from dehyst.drivers.interface import DeviceSpec
-from dehyst.drivers.settings import read_settings
 
 if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
     from dehyst.drivers.direct_calls import Direct
 
 
-class IioSensor:
+class IioSensor(Driver):
     """A converter channel as a displacement sensor, in micrometres."""
 
     settings_type = IioSensorSettings
@@ -35,26 +35,18 @@ class IioSensor:
         context["low"], context["high"] = count_range(settings.bits, settings.unsigned)
         self.spec = self._spec("", 0.0)
 
-    @classmethod
-    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Make a driver; DriverConfigError names a wrong key."""
-        return cls(read_settings(cls.settings_type, settings))
-
     def open(self) -> None:
         """Find the channel, its scale and offset, and time a few readings."""
         channel = self._channel
         if channel.is_open:
             return
         channel.open()
-        try:
+        with self._closed_on_failure():
             for name, default in (("scale", 1.0), ("offset", 0.0)):
                 found = channel.attribute(name)
                 place = "scale_mv" if name == "scale" else name
                 channel.context[place] = default if found is None else found
             latency_s = typical_s(self.read, self._clock)
-        except BaseException:
-            self.close()
-            raise
         self.spec = self._spec(channel.identity(), latency_s)
 
     def read(self) -> float:
@@ -71,11 +63,6 @@ class IioSensor:
         from dehyst.drivers.iio import direct_calls
 
         return direct_calls.sensor(self._channel)
-
-    def reconnect(self) -> None:
-        """Open the channel again."""
-        self.close()
-        self.open()
 
     def close(self) -> None:
         """Release the channel. Safe to call twice."""

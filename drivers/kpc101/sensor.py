@@ -41,13 +41,10 @@ class Kpc101Sensor(AptRole):
         if self._channel.is_open:
             return
         words = self._connect()
-        try:
+        with self._closed_on_failure():
             self._check_gauge()
             self._travel_um = self.settings.max_travel_um or self._ask_travel()
             self.spec = self._spec(words, BATCHES.best(self.read, self._clock))
-        except BaseException:
-            self.close()
-            raise
 
     def read(self) -> float:
         """Take one reading [um]; NaN at full scale, and while no gauge is connected.
@@ -67,12 +64,9 @@ class Kpc101Sensor(AptRole):
 
     def _connect(self) -> str:
         self._channel.connect(self._known)
-        try:
+        with self._closed_on_failure():
             self.unit, words = self._channel.identify(self._known)
             self._check_channel(self._channel)
-        except BaseException:
-            self.close()
-            raise
         self._known = self.unit
         return f"{words}{self._more_words()} gauge"
 

@@ -2,21 +2,20 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, Self
+from collections.abc import Callable
 
 from dehyst.drivers.apt.link import AptKind, AptLink
 from dehyst.drivers.call_times import Batches, CallTimes
-from dehyst.drivers.interface import DeviceGone, DeviceSpec, DriverConfigError, UnitIdentity
+from dehyst.drivers.driver import IdentifiedDriver
+from dehyst.drivers.interface import DeviceGone, DeviceSpec, DriverConfigError
 from dehyst.drivers.ksg101.settings import Ksg101Settings
-from dehyst.drivers.settings import read_settings
 
 KIND = AptKind("ksg101", models=("KSG101", "TSG001"), prefixes=("59", "84"))
 FULL_SCALE = 32767
 BATCHES = Batches(most=4)  # tests/benchmarks/daemon/deadlines_of_axes.py
 
 
-class Ksg101:
+class Ksg101(IdentifiedDriver):
     """Thorlabs KSG101 strain gauge reader on USB serial, in um; NaN at full scale: out of range."""
 
     settings_type = Ksg101Settings
@@ -28,30 +27,16 @@ class Ksg101:
         self._clock = clock
         self._link: AptLink | None = None
         self._travel_um = settings.max_travel_um
-        self.unit: UnitIdentity | None = None
-        self._known: UnitIdentity | None = None
         self.spec = self._spec()
-
-    @classmethod
-    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Make a driver; DriverConfigError names a wrong key."""
-        return cls(read_settings(cls.settings_type, settings))
-
-    def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
-        self._known = unit
 
     def open(self) -> None:
         """Connect, identify, learn the travel, and time a few readings. Moves nothing."""
         self._connect()
-        try:
+        with self._closed_on_failure():
             info = self._identify()
             if not self.settings.max_travel_um:
                 self._travel_um = self._ask_travel()
             self.spec = self._spec(info, BATCHES.best(self.read, self._clock))
-        except BaseException:
-            self.close()
-            raise
 
     def read(self) -> float:
         """Take one reading [um]; NaN when the unit is at full scale.
@@ -74,11 +59,8 @@ class Ksg101:
         """Open the port again and check that the same unit answers."""
         self.close()
         self._connect()
-        try:
+        with self._closed_on_failure():
             self._identify()
-        except BaseException:
-            self.close()
-            raise
 
     def close(self) -> None:
         """Close the port. Safe to call twice."""

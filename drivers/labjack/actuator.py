@@ -7,13 +7,13 @@ driver cannot know: set it to 0. A T7's own outputs reach 5 V, half of EXT's ran
 
 import math
 import time
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Self
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from dehyst.drivers.interface import DeviceSpec, DriverConfigError, OutOfRange
+from dehyst.drivers.driver import found_outside, out_of_range
+from dehyst.drivers.interface import DeviceSpec
 from dehyst.drivers.labjack.channel import EXPECTED_S, MOST_HZ, Channel
 from dehyst.drivers.labjack.settings import LabjackActuatorSettings
-from dehyst.drivers.settings import read_settings
 
 if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
     from dehyst.drivers.direct_calls import Direct
@@ -44,19 +44,11 @@ class LabjackActuator(Channel):
             output_known=settings.reports,
         )
 
-    @classmethod
-    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Make a driver; DriverConfigError names a wrong key or a range EXT cannot reach."""
-        return cls(read_settings(cls.settings_type, settings))
-
     def write(self, volts: float) -> None:
         """Set the voltage at the piezo [V]. Raises OutOfRange, DeviceTimeout, DeviceGone."""
         ljm, settings = self._ready(), self.settings
         if not settings.min_v <= volts <= settings.max_v:  # NaN included
-            raise OutOfRange(
-                f"labjack {self.channel}: {volts} V is outside {settings.min_v} to "
-                f"{settings.max_v} V; nothing was written"
-            )
+            raise out_of_range(f"labjack {self.channel}", volts, settings.min_v, settings.max_v)
         try:
             device_v = volts / settings.gain + settings.zero_v
             ljm.eWriteName(self._handle, self.channel, device_v)
@@ -85,11 +77,8 @@ class LabjackActuator(Channel):
         stands_v = (reported_v - settings.zero_v) * settings.gain
         half_v = self.spec.resolution / 2.0
         if not settings.min_v - half_v <= stands_v <= settings.max_v + half_v:
-            raise DriverConfigError(
-                f"labjack {self.channel}: the output is at {stands_v:g} V, outside the "
-                f"{settings.min_v:g} to {settings.max_v:g} V allowed; bring it into that range by "
-                "hand, or change the limits"
-            )
+            who = f"labjack {self.channel}"
+            raise found_outside(who, stands_v, settings.min_v, settings.max_v)
         if not abs(stands_v - self.output()) <= half_v:  # off by more than the last write's step
             self._context["output_v"] = min(max(stands_v, settings.min_v), settings.max_v)
 

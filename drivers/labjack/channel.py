@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dehyst.drivers.call_times import Batches
+from dehyst.drivers.driver import IdentifiedDriver
 from dehyst.drivers.interface import (
     DeviceGone,
     DeviceNotFound,
@@ -81,7 +82,7 @@ def fault_of(channel: str, code: int | None, text: str) -> DriverError:
     return kind(f"labjack {channel}: {' '.join(text.split())}")
 
 
-class Channel:
+class Channel(IdentifiedDriver):
     """One register of a unit; the driver subclass defines it. A unit's registers share its
     handle."""
 
@@ -99,12 +100,6 @@ class Channel:
         self._context = np.zeros(1, CONTEXT_T)
         self._name = np.frombuffer(self.channel.encode() + b"\0", np.uint8)
         self._context["name"] = self._name.ctypes.data
-        self._known: UnitIdentity | None = None
-        self.unit: UnitIdentity | None = None
-
-    def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
-        self._known = unit
 
     def open(self) -> None:
         """Connect, identify the unit, set up an input, time a few calls. Moves nothing."""
@@ -113,21 +108,13 @@ class Channel:
         self._ljm = vendor()
         self._handle = self._shared.connect(id(self))
         self._context["handle"] = self._handle
-        try:
-            self._identify()
-            self._prepare()
-            self._time()
-        except self._ljm.LJMError as error:
-            self.close()
-            raise DeviceNotFound(f"labjack {self.channel}: {error}") from None
-        except BaseException:
-            self.close()
-            raise
-
-    def reconnect(self) -> None:
-        """Connect again; the output does not move."""
-        self.close()
-        self.open()
+        with self._closed_on_failure():
+            try:
+                self._identify()
+                self._prepare()
+                self._time()
+            except self._ljm.LJMError as error:
+                raise DeviceNotFound(f"labjack {self.channel}: {error}") from None
 
     def close(self) -> None:
         """Stop using the unit; an output stays where it is. Safe to call twice."""

@@ -12,7 +12,6 @@ A non-zero result is an error or a warning; the package raises for both.
 """
 
 import ctypes
-from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
@@ -20,12 +19,9 @@ from numba import carray, cfunc, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from dehyst.drivers.analog import INT, call_c, scaled_mean
+from dehyst.drivers.analog import CLOSED, INT, NOT_IN_RANGE, call_c, explain_with, scaled_mean
 from dehyst.drivers.direct_calls import SIGNATURE, Direct
-from dehyst.drivers.interface import DeviceGone, DriverError, OutOfRange
 from dehyst.drivers.labjack.channel import CONTEXT_T, fault_of, load_ljm
-
-CLOSED, NOT_IN_RANGE = 1, 2
 
 _DOUBLE = ir.DoubleType()
 _BYTES = ir.IntType(8).as_pointer()
@@ -101,17 +97,7 @@ def _direct(channel: str, context: NDArray[Any], ljm: Any, ours: int, theirs: st
         return None
     vendors = load_ljm()
     context["function"] = ctypes.cast(getattr(vendors, theirs), ctypes.c_void_p).value
-    return Direct(ours, context.ctypes.data, _explain(channel, ljm), (context, vendors))
-
-
-def _explain(channel: str, ljm: Any) -> Callable[[int], DriverError]:
-    def explain(code: int) -> DriverError:
-        if code == CLOSED:
-            return DeviceGone(f"labjack {channel} is not open")
-        if code == NOT_IN_RANGE:
-            return OutOfRange(
-                f"labjack {channel}: the value is outside its range; nothing was written"
-            )
-        return fault_of(channel, code, str(ljm.LJMError(code)))
-
-    return explain
+    explain = explain_with(
+        f"labjack {channel}", lambda code: fault_of(channel, code, str(ljm.LJMError(code)))
+    )
+    return Direct(ours, context.ctypes.data, explain, (context, vendors))

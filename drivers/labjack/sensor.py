@@ -6,15 +6,14 @@ its `resolution_index`. Both delay the reading by half the time that they take.
 
 import math
 import time
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Self
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dehyst.drivers.interface import DeviceSpec
 from dehyst.drivers.labjack.channel import EXPECTED_S, MOST_HZ, Channel
 from dehyst.drivers.labjack.settings import LabjackSensorSettings
-from dehyst.drivers.settings import read_settings
 
 if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
     from dehyst.drivers.direct_calls import Direct
@@ -52,11 +51,6 @@ class LabjackSensor(Channel):
             max_rate_hz=settings.max_rate_hz or MOST_HZ,
             latency_s=EXPECTED_S,
         )
-
-    @classmethod
-    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Make a driver; DriverConfigError names a wrong key."""
-        return cls(read_settings(cls.settings_type, settings))
 
     def read(self) -> float:
         """Take one reading [um]; NaN if a sample is out of range. Raises DeviceTimeout,

@@ -14,12 +14,13 @@ OutOfRange before a byte is written.
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any, ClassVar, Self, TypeVar
+from typing import ClassVar
 
 from dehyst.drivers.call_times import CallTimes
+from dehyst.drivers.driver import IdentifiedDriver
 from dehyst.drivers.interface import (
     DeviceGone,
     DeviceSpec,
@@ -45,15 +46,12 @@ from dehyst.drivers.mdt693b.tuning import TUNING
 from dehyst.drivers.mdt693b.unit import SharedUnit, shared_unit
 from dehyst.drivers.mdt693b.unit_facts import NATIVE, check_model, check_serial, learn
 from dehyst.drivers.serial_port import SerialPort, place_of
-from dehyst.drivers.settings import read_settings
-
-T = TypeVar("T")
 
 DAC_STEP_V = 2.75e-3
 DECIMALS = 3
 
 
-class Mdt693b:
+class Mdt693b(IdentifiedDriver):
     """Thorlabs MDT693B or MDT694B piezo amplifier on a serial port, one axis.
 
     An Actuator; its settings are those of Mdt693bConfig.
@@ -81,8 +79,6 @@ class Mdt693b:
             max_rate_hz=config.rate_hz or TUNING.expected_rate_hz,
             latency_s=1.0 / (config.rate_hz or TUNING.expected_rate_hz),
         )
-        self.unit: UnitIdentity | None = None
-        self._known: UnitIdentity | None = None
         self._clock = clock
         self._sleep = sleep
         self._link: Mdt693bLink | None = None
@@ -93,19 +89,10 @@ class Mdt693b:
         self._tried_v: float | None = None  # a set whose outcome is unknown
         self._stray_before = 0
 
-    @classmethod
-    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Make a driver from its configuration table; DriverConfigError names a wrong key."""
-        return cls(read_settings(cls.settings_type, settings))
-
     @property
     def serial_number(self) -> str | None:
         """The unit's serial number; "" if it is blank, None before open()."""
         return None if self.unit is None else self.unit.serial
-
-    def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
-        self._known = unit
 
     @property
     def stray_bytes(self) -> int:
@@ -123,7 +110,8 @@ class Mdt693b:
             return
         self._connect()
         initial_v = self.config.initial_v
-        readback_v = self._or_close(lambda: self._settled_readback(initial_v))
+        with self._closed_on_failure():
+            readback_v = self._settled_readback(initial_v)
         if initial_v is not None and abs(initial_v - readback_v) > TUNING.readback_tolerance_v:
             self.close()
             raise DriverConfigError(
@@ -184,7 +172,8 @@ class Mdt693b:
             return self.open()
         self._connect()
         candidates = [self._set_v] if tried_v is None else [self._set_v, tried_v]
-        readback_v = self._or_close(lambda: self._settled_readback(*candidates))
+        with self._closed_on_failure():
+            readback_v = self._settled_readback(*candidates)
         nearest_v = min(candidates, key=lambda volts: abs(volts - readback_v))
         near = abs(nearest_v - readback_v) <= TUNING.readback_tolerance_v
         if not near and self.unit is not None and not self.unit.serial:
@@ -251,8 +240,9 @@ class Mdt693b:
         unit = shared_unit(self.config)
         unit.claim(self.config, self)
         self._unit = unit
-        self._link = self._or_close(lambda: unit.connect(self._new_link))
-        self._or_close(self._learn)
+        with self._closed_on_failure():
+            self._link = unit.connect(self._new_link)
+            self._learn()
 
     def _new_link(self) -> Mdt693bLink:
         config = self.config
@@ -365,14 +355,6 @@ class Mdt693b:
         if unit is not None and (unit.lost or unit.link is not self._link):
             raise DeviceGone(f"the link to the unit was lost: {unit.lost or 'opened again since'}")
         return self._link
-
-    def _or_close(self, job: Callable[[], T]) -> T:
-        """Return the result of `job`; close the port if it fails."""
-        try:
-            return job()
-        except Exception:
-            self.close()
-            raise
 
 
 class Mdt694b(Mdt693b):

@@ -8,14 +8,13 @@ With `clock_hz` the output is hardware-timed, one point at a time: a written vol
 next edge of the device's clock. There is no buffer, which would delay a loop by its length.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
-from dehyst.drivers.interface import DeviceSpec, DriverConfigError, OutOfRange
+from dehyst.drivers.driver import out_of_range
+from dehyst.drivers.interface import DeviceSpec, DriverConfigError
 from dehyst.drivers.nidaqmx.channel import Channel
 from dehyst.drivers.nidaqmx.settings import NidaqmxActuatorSettings
-from dehyst.drivers.settings import read_settings
 
 if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
     from dehyst.drivers.direct_calls import Direct
@@ -50,19 +49,12 @@ class NidaqmxActuator(Channel):
             output_known=False,
         )
 
-    @classmethod
-    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Make a driver; DriverConfigError names a wrong key or a range EXT cannot reach."""
-        return cls(read_settings(cls.settings_type, settings))
-
     def write(self, volts: float) -> None:
         """Set the voltage at the piezo [V]. Raises OutOfRange, DeviceTimeout, DeviceGone."""
         task = self._ready()
         if not self.spec.minimum <= volts <= self.spec.maximum:
-            raise OutOfRange(
-                f"nidaqmx {self.channel}: {volts} V is outside {self.spec.minimum} to "
-                f"{self.spec.maximum} V; nothing was written"
-            )
+            who = f"nidaqmx {self.channel}"
+            raise out_of_range(who, volts, self.spec.minimum, self.spec.maximum)
         try:
             device_v = volts / self.settings.gain + self.settings.zero_v
             task.write(device_v, timeout=self.settings.timeout_s)

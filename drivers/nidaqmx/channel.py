@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from dehyst.drivers.driver import IdentifiedDriver
 from dehyst.drivers.interface import (
     DeviceGone,
     DeviceNotFound,
@@ -53,7 +54,7 @@ def fault_of(channel: str, status: int, text: str) -> DriverError:
     return kind(f"nidaqmx {channel}: {' '.join(text.split())}")
 
 
-class Channel:
+class Channel(IdentifiedDriver):
     """A task with one channel; the driver subclass defines it."""
 
     channel = ""
@@ -62,13 +63,7 @@ class Channel:
         self._task: Any = None
         self._error: type[Exception] = OSError
         self._context = np.zeros(1, CONTEXT_T)
-        self._known: UnitIdentity | None = None
-        self.unit: UnitIdentity | None = None
         self.product = ""
-
-    def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
-        self._known = unit
 
     def open(self) -> None:
         """Reserve the channel, identify its device, and start it. Moves nothing."""
@@ -93,11 +88,6 @@ class Channel:
         except BaseException:
             self._abandon(task)
             raise
-
-    def reconnect(self) -> None:
-        """Reserve the channel again; the output does not move."""
-        self.close()
-        self.open()
 
     def close(self) -> None:
         """Release the channel; an output stays where it is. Safe to call twice."""

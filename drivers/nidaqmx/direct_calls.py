@@ -14,7 +14,6 @@ A result below 0 is an error, one above 0 a warning.
 
 import ctypes
 import math
-from collections.abc import Callable
 from ctypes.util import find_library
 from typing import Any
 
@@ -23,12 +22,11 @@ from numba import carray, cfunc, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from dehyst.drivers.analog import INT, call_c, scaled_mean
+from dehyst.drivers.analog import CLOSED, INT, NOT_IN_RANGE, call_c, explain_with, scaled_mean
 from dehyst.drivers.direct_calls import SIGNATURE, Direct
-from dehyst.drivers.interface import DeviceGone, DriverError, OutOfRange
+from dehyst.drivers.interface import DriverError
 from dehyst.drivers.nidaqmx.channel import CONTEXT_T, fault_of
 
-CLOSED, NOT_IN_RANGE = 1, 2
 TEXT_BYTES = 2048
 
 _DOUBLE = ir.DoubleType()
@@ -140,20 +138,12 @@ def _direct(channel: str, context: NDArray[Any], ours: int, theirs: str) -> Dire
         return None
     library = ctypes.CDLL(name)
     context["function"] = ctypes.cast(getattr(library, theirs), ctypes.c_void_p).value
-    return Direct(ours, context.ctypes.data, _explain(channel, library), (context, library))
 
-
-def _explain(channel: str, library: ctypes.CDLL) -> Callable[[int], DriverError]:
-    def explain(code: int) -> DriverError:
-        if code == CLOSED:
-            return DeviceGone(f"nidaqmx {channel} is not open")
-        if code == NOT_IN_RANGE:
-            return OutOfRange(
-                f"nidaqmx {channel}: the value is outside its range; nothing was written"
-            )
+    def vendors_fault(code: int) -> DriverError:
         text = ctypes.create_string_buffer(TEXT_BYTES)
         library.DAQmxGetErrorString(ctypes.c_int32(code), text, ctypes.c_uint32(TEXT_BYTES))
         words = text.value.decode("utf-8", "replace") or "no description"
         return fault_of(channel, code, f"{words} (status code {code})")
 
-    return explain
+    explain = explain_with(f"nidaqmx {channel}", vendors_fault)
+    return Direct(ours, context.ctypes.data, explain, (context, library))

@@ -9,9 +9,9 @@ delay. Both delays belong to the sensor, not to the stage.
 import ctypes
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from dehyst.drivers.call_times import Batches
 from dehyst.drivers.interface import DeviceSpec
 from dehyst.drivers.nidaqmx.channel import Channel
 from dehyst.drivers.nidaqmx.settings import NidaqmxSensorSettings
-from dehyst.drivers.settings import read_settings
 
 if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
     from dehyst.drivers.direct_calls import Direct
@@ -63,11 +62,6 @@ class NidaqmxSensor(Channel):
             latency_s=1.0 / rate_hz,
             identity=self._words(),
         )
-
-    @classmethod
-    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Make a driver; DriverConfigError names a wrong key."""
-        return cls(read_settings(cls.settings_type, settings))
 
     def read(self) -> float:
         """Take one reading [um]; NaN if a sample is out of range. Raises DeviceTimeout,

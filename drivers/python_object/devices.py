@@ -8,19 +8,18 @@ the loop's process, which the supervisor then ends.
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 from dehyst.drivers.call_times import Batches
+from dehyst.drivers.driver import IdentifiedDriver, found_outside, out_of_range
 from dehyst.drivers.interface import (
     DeviceGone,
     DeviceNotFound,
     DeviceSpec,
     DeviceTimeout,
-    DriverConfigError,
     DriverError,
-    OutOfRange,
     UnitIdentity,
     refuse_another,
 )
@@ -31,7 +30,6 @@ from dehyst.drivers.python_object.settings import (
     PythonSettings,
 )
 from dehyst.drivers.python_object.shared import describe_error, object_of
-from dehyst.drivers.settings import read_settings
 
 BATCHES = Batches()
 
@@ -40,7 +38,7 @@ EXPECTED_S, MOST_HZ = 0.01, 10_000.0
 which Python calls it."""
 
 
-class _PythonDevice:
+class _PythonDevice(IdentifiedDriver):
     """Shared parts of both kinds: share the object, call it, time it, identify its unit."""
 
     settings_type: ClassVar[type[PythonSettings]]
@@ -55,20 +53,9 @@ class _PythonDevice:
         self._shared = object_of(settings)
         self._object: Any = None
         self._timed = False
-        self._known: UnitIdentity | None = None
-        self.unit: UnitIdentity | None = None
         declared_hz = settings.max_rate_hz
         latency_s = 0.5 / declared_hz if declared_hz else EXPECTED_S
         self.spec = DeviceSpec("v", 0.0, 1.0, 0.0, declared_hz or MOST_HZ, latency_s)
-
-    @classmethod
-    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Make a driver; DriverConfigError names a wrong key."""
-        return cls(read_settings(cls.settings_type, settings))
-
-    def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
-        self._known = unit
 
     def open(self) -> None:
         """Make the object, or share one that exists; identify it, and time its calls. Raises
@@ -76,21 +63,13 @@ class _PythonDevice:
         if self._object is not None:
             return
         self._object = self._shared.connect(id(self))
-        try:
-            self._identify()
-            self._prepare(self._object)
-            self._time()
-        except DeviceGone as error:
-            self.close()
-            raise DeviceNotFound(str(error)) from None
-        except BaseException:
-            self.close()
-            raise
-
-    def reconnect(self) -> None:
-        """Make a new object, or share one that was made; the output does not move."""
-        self.close()
-        self.open()
+        with self._closed_on_failure():
+            try:
+                self._identify()
+                self._prepare(self._object)
+                self._time()
+            except DeviceGone as error:
+                raise DeviceNotFound(str(error)) from None
 
     def close(self) -> None:
         """Stop using the object; an output stays where it is. Safe to call twice."""
@@ -176,10 +155,7 @@ class PythonActuator(_PythonDevice):
         DeviceGone, ProtocolError."""
         settings = self.settings
         if not settings.min_v <= volts <= settings.max_v:  # NaN included
-            raise OutOfRange(
-                f"python {settings.object}: {volts:g} V is outside {settings.min_v:g} to "
-                f"{settings.max_v:g} V; nothing was written"
-            )
+            raise out_of_range(f"python {settings.object}", volts, settings.min_v, settings.max_v)
         self._call(self._set, volts / settings.gain)
         self._set_v = volts
 
@@ -195,11 +171,8 @@ class PythonActuator(_PythonDevice):
         self._report = getter(made, settings.output, settings.output_arguments)
         stands_v = self._reported_v()
         if not settings.min_v <= stands_v <= settings.max_v:
-            raise DriverConfigError(
-                f"python {settings.object}: the output is at {stands_v:g} V, outside the "
-                f"{settings.min_v:g} to {settings.max_v:g} V allowed; bring it into that range by "
-                "hand, or change the limits"
-            )
+            who = f"python {settings.object}"
+            raise found_outside(who, stands_v, settings.min_v, settings.max_v)
         if not abs(stands_v - self._set_v) <= settings.step_v:  # off by more than the last step
             self._set_v = stands_v
 

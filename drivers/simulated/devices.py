@@ -13,7 +13,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from dehyst.drivers.interface import DeviceGone, DeviceSpec, DriverConfigError, OutOfRange
+from dehyst.drivers.driver import out_of_range
+from dehyst.drivers.interface import DeviceGone, DeviceSpec, DriverConfigError
 from dehyst.drivers.settings import read_settings
 from dehyst.drivers.simulated.axes import compile_stage
 from dehyst.drivers.simulated.settings import (
@@ -123,10 +124,7 @@ class SimulatedActuator(_Simulated):
         """Command the output [V]. Raises OutOfRange outside the spec, DeviceGone when unplugged."""
         stage = self._ready()
         if not self.spec.minimum <= volts <= self.spec.maximum:
-            raise OutOfRange(
-                f"simulated actuator: {volts} V is outside {self.spec.minimum} to "
-                f"{self.spec.maximum} V; nothing was written"
-            )
+            raise out_of_range("simulated actuator", volts, self.spec.minimum, self.spec.maximum)
         self.shared.platform.write(self.shared.place, stage, volts)
 
     def _switch(self, on: bool) -> None:

@@ -138,7 +138,7 @@ def test_the_drive_stays_within_limits_and_slew(tmp_path: Path, seed: int, slew:
     assert drive.u.min() >= 10.0
     assert drive.u.max() <= 110.0
     assert np.abs(np.diff(drive.u) * 100.0).max() <= slew
-    said = moving.describe_drive(bench, seed, 5.0)
+    said = moving.describe_drive(bench, seed)
     assert f"{drive.u.min():.4g} to {drive.u.max():.4g} V" in said
 
 
