@@ -13,6 +13,7 @@ same kind of zero) and drive in force of the controller's other axes are further
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -93,7 +94,12 @@ class Recorder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         if self._first_ns is None and error is None:  # no sample arrived: write only the header
             self._begin_piece(0.0)
         self._end_piece()

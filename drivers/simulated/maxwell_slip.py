@@ -27,6 +27,7 @@ COUNT = 64  # a multiple of 4
 SMALLEST, LARGEST = 0.002, 0.6  # slip strains, as a share of full scale
 STIFFNESS_POWER = 0.72  # k_i ~ D_i^power: loops of 2 % at a tenth of full scale
 BOW_FINE, BOW_COARSE = -0.25, 0.30
+POINTS = 400  # of each branch of the loop whose width is measured
 
 
 @dataclass(frozen=True)
@@ -83,17 +84,12 @@ def _sweep(d: Floats, k: Floats, bow: Floats, norm: float, asymmetry: float, x: 
     return out
 
 
-def loop(slip: Slip, asymmetry: float, low: float, high: float, points: int = 400) -> Floats:
-    """Return the settled loop between drives low and high, (3, points): x, m rising, m falling."""
-    x = np.linspace(low, high, points)
+def loop_width(slip: Slip, asymmetry: float) -> float:
+    """Return the largest width of the settled full loop, as a share of its stroke."""
+    x = np.linspace(0.0, 1.0, POINTS)
     path = np.concatenate([x, x[::-1], x, x[::-1]])
-    m = _sweep(slip.d, slip.k, slip.bow, slip.norm, asymmetry, path)[2 * points :]
-    return np.stack([x, m[:points], m[points:][::-1]])
-
-
-def loop_width(slip: Slip, asymmetry: float, low: float = 0.0, high: float = 1.0) -> float:
-    """Return the largest width of the settled loop between two drives, as a share of its stroke."""
-    _, up, down = loop(slip, asymmetry, low, high)
+    *_, up, falling = np.split(_sweep(slip.d, slip.k, slip.bow, slip.norm, asymmetry, path), 4)
+    down = falling[::-1]
     return float(np.max(down - up) / (up[-1] - up[0]))
 
 

@@ -102,7 +102,6 @@ def simulate(
     t_s: Floats | float,
     u: Floats,
     channels: Mapping[str, Floats] | None = None,
-    h0: Floats | None = None,
 ) -> Floats:
     """Return the sensor's reading (N,) for a drive u (N,); arguments as for `simulate_parts`."""
-    return simulate_parts(model, t_s, u, channels, h0).reading
+    return simulate_parts(model, t_s, u, channels).reading

@@ -38,6 +38,8 @@ from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
 Array = TypeVar("Array", Floats, Ints, Bools)
 
+STEPS = 4  # of the fit with a fixed design, after which the design is made again
+
 
 @dataclass
 class Problem:
@@ -306,7 +308,7 @@ class Problem:
                 break
         return best
 
-    def _inner(self, fitted: JointFit, reach: float, steps: int = 4) -> tuple[Effect, ...] | None:
+    def _inner(self, fitted: JointFit, reach: float) -> tuple[Effect, ...] | None:
         """Take damped Gauss-Newton steps against the projected residual with a fixed design; return
         None where no step helps. reach: largest step of an internal parameter."""
         out = self.output_of(fitted)
@@ -316,7 +318,7 @@ class Problem:
         sse = float(residual @ residual)
         first, damping, improved = sse, 1e-3, False
         known: dict[Any, Floats] = {}
-        for _ in range(steps):
+        for _ in range(STEPS):
             p, jac = self.jacobian(replace(here, effects=effects), out, known)
             projected = project(jac)
             a, g = projected.T @ projected, projected.T @ residual

@@ -116,13 +116,13 @@ def find_wrong_way(
     return worst
 
 
-def require_monotone(model: Model, rate: float = 0.0) -> None:
+def require_monotone(model: Model) -> None:
     """Raise NotInvertible if the model is not monotone. The message states the reversal, by how
     much, and how far away the nearest monotone model is."""
     v = model.validity
-    found = find_wrong_way(model.hysteresis, v.drive_min, v.drive_max, rate)
+    found = find_wrong_way(model.hysteresis, v.drive_min, v.drive_max, 0.0)
     if found is not None:
-        price = nearest_monotone(model, rate)[1]
+        price = nearest_monotone(model)[1]
         says = found.sentence(model.drive_unit, model.displacement_unit)
         raise NotInvertible(
             f"the model is not monotone: {says}; the nearest monotone model "

@@ -162,17 +162,11 @@ class Compensator:
             self._setting[name] = value
         self._nodes, self._per_node = nodes, per_node
 
-    def init(self, drive_now: float, displacement: float | None = None) -> CompensatorState:
-        """Return the state of a stage at drive_now that was driven there from de-energised.
-
-        displacement: measured position of the stage; where the model allows it, the plays are set
-        by the loop that ends at drive_now with this displacement.
-        """
+    def init(self, drive_now: float) -> CompensatorState:
+        """Return the state of a stage at drive_now that was driven there from de-energised."""
         h = self.model.hysteresis
         plays, nodes = np.zeros(h.n), self._nodes
         play_step(h.r, plays, drive_now - h.u_offset)
-        if displacement is not None and math.isfinite(displacement):
-            plays = self._led_to(drive_now, displacement)
         y = float(simulate_hysteresis(h, np.array([drive_now], np.float64), 1.0, plays)[0])
         blocks = self._packed.settle(drive_now, y)
         numbers = np.zeros(1, STATE)
@@ -251,20 +245,3 @@ class Compensator:
         rate = np.abs(np.diff(drive, prepend=start)) / self.period_s
         fast = rate > float(self._setting["valid_rate"][0]) * (1.0 + 1e-9)
         return fast | (drive < v.drive_min) | (drive > v.drive_max)
-
-    def _led_to(self, drive: float, displacement: float) -> Floats:
-        """Return the plays at `drive` whose displacement is nearest to `displacement`, among those
-        that a single loop from either end of the range reaches."""
-        h = self.model.hysteresis
-        best, plays = math.inf, np.zeros(h.n)
-        for end in np.concatenate(
-            [np.linspace(drive, self.low, 60), np.linspace(drive, self.high, 60)]
-        ):
-            for first in (self.low, self.high):
-                trial = np.zeros(h.n)
-                for u in (first, float(end), drive):
-                    play_step(h.r, trial, u - h.u_offset)
-                y = float(simulate_hysteresis(h, np.array([drive]), 1.0, trial)[0])
-                if abs(y - displacement) < best:
-                    best, plays = abs(y - displacement), trial
-        return plays

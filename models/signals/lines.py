@@ -29,6 +29,7 @@ BLIND = 1 / 3  # largest fraction of the frequencies that harmonics of the drive
 NEAR = 0.05  # relative distance within which a line may be mistaken for a mode
 MOST_STEPS = 801  # largest number of frequencies in a search grid
 ALIKE = 1e-3  # largest relative difference of the drive's frequency between recordings
+AROUND, OWN = 160, 12  # bins to either side: the neighbourhood of a bin, and its own peak
 STANDS_OUT = 4.5  # amplitude over the rms of its neighbourhood; by chance once in 1e5 records
 
 
@@ -203,8 +204,9 @@ def _harmonics(grid: Floats, first: float, longest: float) -> Bools:
     return np.abs(grid - order * first) < min((LOBE + 0.5) / longest, 0.45 * first)
 
 
-def _local_rms(spectrum: Floats, half: int = 160, hole: int = 12) -> Floats:
+def _local_rms(spectrum: Floats) -> Floats:
     """Return the rms of the neighbours of each bin, excluding the bin's own peak."""
+    half, hole = AROUND, OWN
     power = np.concatenate([spectrum[half:0:-1], spectrum, spectrum[-2 : -half - 2 : -1]]) ** 2
     c = np.r_[0.0, np.cumsum(power)]
     i = np.arange(spectrum.size) + half

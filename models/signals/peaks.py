@@ -4,10 +4,12 @@ import numpy as np
 
 from dehyst.models.signals.joined import Data, Floats
 
+MOST = 2  # peaks that are tried as modes
 
-def peaks(data: Data, residual: Floats, count: int = 2) -> list[float]:
-    """Return the frequencies [Hz] of the highest peaks of the smoothed spectra of the residual's
-    stretches."""
+
+def peaks(data: Data, residual: Floats) -> list[float]:
+    """Return the frequencies [Hz] of the MOST highest peaks of the smoothed spectra of the
+    residual's stretches."""
     best: list[tuple[float, float]] = []
     for p in np.unique(data.part):
         e = residual[data.part == p]
@@ -26,6 +28,6 @@ def peaks(data: Data, residual: Floats, count: int = 2) -> list[float]:
     for _, f in best:
         if all(abs(np.log(f / g)) > 0.15 for g in out):
             out.append(f)
-        if len(out) == count:
+        if len(out) == MOST:
             break
     return out

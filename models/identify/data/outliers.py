@@ -11,8 +11,8 @@ from dehyst.models.signals.lone import measure_jumps
 
 PAUSE = 4.0
 """Sampling periods: what changes across a longer pause is no glitch."""
-
-
+SAMPLED = 200_000
+"""Values that suffice for a quantile; more only take time."""
 LONE = 3.0
 """Deviation over the steps of the drive nearby from which a lone value is wild: the peak of a
 sawtooth before its flyback deviates by two."""
@@ -119,11 +119,11 @@ def _measure_steps(x: Floats) -> Floats:
     return out
 
 
-def sample(x: Floats, limit: int = 200_000) -> Floats:
-    """Return at most `limit` values of x, at random: a stride could be in step with the drive."""
-    if x.size <= limit:
+def sample(x: Floats) -> Floats:
+    """Return at most SAMPLED values of x, at random: a stride could be in step with the drive."""
+    if x.size <= SAMPLED:
         return x
-    return x[np.random.default_rng(0).integers(0, x.size, limit)]
+    return x[np.random.default_rng(0).integers(0, x.size, SAMPLED)]
 
 
 def thin(picks: Sequence[Bools], limit: int) -> list[Bools]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dehyst.models.errors import BadInput, BadRecording, OddRecording
-from dehyst.models.identify.data.outliers import sample, thin
+from dehyst.models.identify.data.outliers import SAMPLED, sample, thin
 from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.tuning import TUNING
@@ -129,7 +129,7 @@ def _measure_loop(u: Floats, y: Floats) -> float:
     low, high = np.quantile(sample(x), [0.01, 0.99])
     x = np.clip(x, low, high)
     travel = float(np.sum(np.abs(np.diff(v))))
-    slope = float(np.cov(sample(v), sample(x))[0, 1]) if at.size <= 200_000 else 1.0
+    slope = float(np.cov(sample(v), sample(x))[0, 1]) if at.size <= SAMPLED else 1.0
     area = float(np.sum(0.5 * (v[1:] + v[:-1]) * np.diff(x)))
     area -= 0.5 * float((v[-1] + v[0]) * (x[-1] - x[0]))  # close the loop by a straight line
     loops = travel / (2.0 * float(np.ptp(v)))

@@ -213,14 +213,6 @@ def test_the_chooser_says_which_and_why() -> None:
         Compensator(paper, DT, 10.0, 0.0, 1e4)
 
 
-def test_known_displacement_sets_the_memory() -> None:
-    model = shipped("paper-eq11")
-    c = Compensator(model, DT, 0.0, 10.0, 1e4)
-    rising, falling = c.init(5.0, 3.0), c.init(5.0, 9.0)
-    assert rising.predicted < c.init(5.0).predicted + 0.5
-    assert falling.predicted > rising.predicted + 0.5
-
-
 def _all_rates() -> tuple[Model, ...]:
     """Return the paper's rate-dependent model: bare, and with a delay, creep and a sensor lag."""
     paper = shipped("paper-eq12")
