@@ -9,8 +9,8 @@ import numpy as np
 from llvmlite import ir
 from numba import carray, njit, types
 
-from dehyst.drivers.direct_calls import pointer
 from dehyst.drivers.interface import DeviceGone, DriverConfigError, DriverError, OutOfRange
+from dehyst.models.addresses import pointer
 
 INT = ir.IntType(32)
 CLOSED, NOT_IN_RANGE = 1, 2  # results of the compiled functions, next to the vendor's own

@@ -24,33 +24,6 @@ from numba import types
 from numba.extending import intrinsic
 
 from dehyst.drivers.interface import DriverError
-from dehyst.models.addresses import (
-    Addresses,
-    Words,
-    floats_at,
-    grid_at,
-    pointer,
-    record,
-    table_at,
-    whole_at,
-    whole_grid_at,
-)
-
-__all__ = (
-    "SIGNATURE",
-    "Addresses",
-    "Direct",
-    "Reachable",
-    "Words",
-    "call",
-    "floats_at",
-    "grid_at",
-    "pointer",
-    "record",
-    "table_at",
-    "whole_at",
-    "whole_grid_at",
-)
 
 SIGNATURE = types.int32(types.voidptr, types.int64, types.CPointer(types.float64))
 """The signature of every such function, for numba's `cfunc`."""

@@ -15,12 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from dehyst.daemon.bus.messages import (
-    Chunk,
-    Command,
-    Message,
-    TelemetryBatch,
-)
+from dehyst.daemon.bus.messages import Chunk, Command, Message, TelemetryBatch
 from dehyst.daemon.prepared import resolve_classes
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.models.errors import BadInput

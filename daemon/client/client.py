@@ -27,15 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from dehyst.daemon import clock
 from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.keys import Keys
-from dehyst.daemon.bus.messages import (
-    Action,
-    Chunk,
-    Command,
-    Reply,
-    Request,
-    Setpoint,
-    new_number,
-)
+from dehyst.daemon.bus.messages import Action, Chunk, Command, Reply, Request, Setpoint, new_number
 from dehyst.daemon.bus.security import client_settings
 from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.bus.topics import SETPOINT, subject

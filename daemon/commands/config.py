@@ -5,12 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.config import load_controller, parse_config
-from dehyst.daemon.config.text import (
-    SLEW_SPANS,
-    check_range,
-    limits_within,
-    write_commented,
-)
+from dehyst.daemon.config.text import SLEW_SPANS, check_range, limits_within, write_commented
 from dehyst.daemon.files.known_units import ACTUATOR, SENSOR
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.files.outputs import add_force, check_outputs, report_failures

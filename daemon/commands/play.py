@@ -11,12 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dehyst.daemon.client.connection import (
-    add_connection,
-    connect,
-    connect_axes,
-    say,
-)
+from dehyst.daemon.client.connection import add_connection, connect, connect_axes, say
 from dehyst.daemon.client.group import Group
 from dehyst.daemon.files.foreign.reading import add_reading, reading_of
 from dehyst.daemon.files.outputs import check_outputs, file_of_axis, report_failures

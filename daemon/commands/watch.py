@@ -6,12 +6,7 @@ from contextlib import ExitStack
 from datetime import datetime
 from typing import TYPE_CHECKING
 
-from dehyst.daemon.client.connection import (
-    add_connection,
-    address_of,
-    connect_axes,
-    say,
-)
+from dehyst.daemon.client.connection import add_connection, address_of, connect_axes, say
 from dehyst.daemon.json_text import print_json, print_json_line
 
 if TYPE_CHECKING:

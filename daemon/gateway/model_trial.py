@@ -24,12 +24,7 @@ from dehyst.daemon.config import Config
 from dehyst.daemon.config.drives import drive_range
 from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import OfferTest
-from dehyst.daemon.files.chosen import (
-    Accepted,
-    forget_accepted,
-    read_accepted,
-    write_accepted,
-)
+from dehyst.daemon.files.chosen import Accepted, forget_accepted, read_accepted, write_accepted
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.gateway.previous_model import Past, PreviousModel
 from dehyst.daemon.rings.records import Flag, State, model_digest

@@ -24,7 +24,8 @@ from dehyst.daemon.loop.status import PLACE, LoopMonitor, addresses_of, begin_to
 from dehyst.daemon.loop.step_kernel import stopped
 from dehyst.daemon.loop.timing import realtime
 from dehyst.daemon.rings.records import COMMAND, Flag, LoopCommand
-from dehyst.drivers.direct_calls import Direct, Reachable, call, whole_at
+from dehyst.drivers.direct_calls import Direct, Reachable, call
+from dehyst.models.addresses import whole_at
 from dehyst.models.errors import BadInput
 
 INVALID, HELD = int(Flag.SENSOR_INVALID), int(Flag.SENSOR_HELD)
@@ -199,23 +200,23 @@ class _Axis:
         """Handle devices that failed or came back, and publish status and events."""
         monitor, numbers = self.monitor, self.monitor.numbers
         if numbers[PLACE["actuator_ok"]] == 0:
-            if numbers[PLACE["actuator_code"]] and self._down(monitor.actuator, self._write):
-                numbers[PLACE["actuator_code"]] = 0
+            if numbers[PLACE["actuator_code"]]:
+                self._down("actuator", monitor.actuator, self._write)
             elif monitor.actuator.came_back():
                 monitor.floats[PLACE["back_v"]] = monitor.actuator.device.output()
                 numbers[PLACE["actuator_back"]] = 1
         if numbers[PLACE["sensor_ok"]] == 0:
-            if numbers[PLACE["sensor_code"]] and self._down(monitor.sensor, self._read):
-                numbers[PLACE["sensor_code"]] = 0
+            if numbers[PLACE["sensor_code"]]:
+                self._down("sensor", monitor.sensor, self._read)
             elif monitor.sensor.came_back():
                 numbers[PLACE["sensor_ok"]] = 1
         monitor.attend(clock.monotonic_ns())
 
-    def _down(self, link: DeviceLink, direct: Direct) -> bool:
-        kind = "actuator" if link is self.monitor.actuator else "sensor"
-        code = int(self.monitor.numbers[PLACE[f"{kind}_code"]])
-        link.down(direct.explain(code))
-        return True
+    def _down(self, which: str, link: DeviceLink, direct: Direct) -> None:
+        """Take over a device whose call has failed with a code."""
+        place = PLACE[f"{which}_code"]
+        link.down(direct.explain(int(self.monitor.numbers[place])))
+        self.monitor.numbers[place] = 0
 
 
 class CompiledLoop:

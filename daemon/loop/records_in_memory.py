@@ -20,7 +20,7 @@ from dehyst.daemon.loop.settings import SETTINGS_T
 from dehyst.daemon.loop.states import NEXT, NOTHING
 from dehyst.daemon.loop.targets import QUEUE_T
 from dehyst.daemon.rings.records import COMMAND, TELEMETRY, MissCause
-from dehyst.drivers.direct_calls import floats_at, pointer, record, whole_at
+from dehyst.models.addresses import floats_at, pointer, record, whole_at
 from dehyst.models.learning import trim
 
 Table = NDArray[np.int64]

@@ -42,7 +42,7 @@ from dehyst.daemon.loop.timing.witness import excuse
 from dehyst.daemon.rings.layout import FARTHEST, HEAD, TAIL
 from dehyst.daemon.rings.records import Flag, MissCause, State
 from dehyst.daemon.rings.ring import digest, load_word, store
-from dehyst.drivers.direct_calls import floats_at, whole_at, whole_grid_at
+from dehyst.models.addresses import floats_at, whole_at, whole_grid_at
 
 READY, FAULT = as_int64(State.READY), as_int64(State.FAULT)
 MISSED, WRITE_FAILED = as_int64(Flag.MISSED), as_int64(Flag.WRITE_FAILED)

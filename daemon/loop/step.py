@@ -24,7 +24,7 @@ from dehyst.daemon.loop.records_in_memory import (
 from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.targets import TrajectoryQueue
 from dehyst.daemon.rings.records import COMMAND, TELEMETRY, State
-from dehyst.drivers.direct_calls import Addresses
+from dehyst.models.addresses import Addresses
 from dehyst.models.inverse.compensator import Compensator, CompensatorState
 from dehyst.models.learning import trim
 
@@ -76,12 +76,8 @@ class Stepper:
         ):
             self.table.put(place, array)
         c = self.control
-        c["state"], c["volts"], c["target"], c["hold_ns"] = (
-            State.READY,
-            volts,
-            NAN,
-            settings.hold_ns,
-        )
+        c["state"], c["volts"], c["target"] = State.READY, volts, NAN
+        c["hold_ns"] = settings.hold_ns
         c["move_ns"], c["found"] = settings.period_ns, 1
         self.use(compensator, compensator.init(volts / settings.gain))
 
@@ -133,12 +129,7 @@ class Stepper:
 
     # -- one sample ---------------------------------------------------------------------------
 
-    def step(
-        self,
-        now_ns: int,
-        measured: float,
-        commands: NDArray[Any],
-    ) -> NDArray[Any]:
+    def step(self, now_ns: int, measured: float, commands: NDArray[Any]) -> NDArray[Any]:
         """Process one sample at the grid point now_ns; return the (1,) record.
 
         measured: sensor reading as model displacement, NaN where invalid; commands: COMMAND

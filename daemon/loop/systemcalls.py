@@ -15,7 +15,7 @@ from numba import njit, types
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock
-from dehyst.drivers.direct_calls import Words
+from dehyst.models.addresses import Words
 
 NS = 1_000_000_000
 _RUSAGE_THREAD = 1

@@ -29,14 +29,7 @@ from dehyst.daemon.page.doors import BACKLOG, Door, Loop, Wire
 from dehyst.daemon.page.guard import Guard, refusal
 from dehyst.daemon.page.guesses import origin_of
 from dehyst.daemon.page.jobs import KINDS, LARGEST_BYTES, Job, Jobs, Setting
-from dehyst.daemon.page.people import (
-    COOKIE,
-    SESSION_S,
-    People,
-    Person,
-    Public,
-    TooManyGuesses,
-)
+from dehyst.daemon.page.people import COOKIE, SESSION_S, People, Person, Public, TooManyGuesses
 from dehyst.daemon.page.visits import Ticks, Visit
 from dehyst.daemon.page.watching import Controllers, Watch
 from dehyst.models.errors import BadInput, DehystError

@@ -4,7 +4,6 @@ To add one, write its function here and list it in diagnosis.py; to show the mis
 quantity, add one line to `list_places`.
 """
 
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -19,20 +18,17 @@ from dehyst.daemon.report.plotting import (
     add_legend,
     draw_noise_band,
     draw_trace,
+    draw_white_noise,
     estimate_density,
     limit_to,
     scale_by_decades,
-    white_density,
 )
+from dehyst.models.arrays import Bools, Floats, Ints
 from dehyst.models.diagnosis import Diagnosis, FitView
-from dehyst.models.recording import Bools, Floats
 from dehyst.models.signals.error_size import finite_rms
 from dehyst.models.units import pick_unit, spell_unit
 
-MODELS = (
-    ("base", BEFORE, "model in use"),
-    ("augmented", MODEL, "augmented model"),
-)
+MODELS = (("base", BEFORE, "model in use"), ("augmented", MODEL, "augmented model"))
 STILL = 0.05  # of the drive's range per second, below which the drive is held
 FEW = 50  # least number of samples for a picture
 
@@ -89,13 +85,7 @@ def draw_error_spectrum(diagnosis: Diagnosis, axes: Axes) -> str:
     for name, color, label in MODELS:
         errors = [k * (v.displacement - getattr(v, name)) for v in alike]
         axes.plot(*estimate_density(errors, period_s), color=color, lw=1.4, label=label)
-    axes.axhline(
-        white_density(k * diagnosis.noise, period_s),
-        color=NOISE,
-        lw=2,
-        alpha=0.7,
-        label="noise, if white",
-    )
+    draw_white_noise(axes, k * diagnosis.noise, period_s)
     scale_by_decades(axes, y=True)
     axes.set(xlabel="frequency, Hz", ylabel=f"error, {unit}/√Hz", title="spectrum of the errors")
     add_legend(axes)
@@ -164,9 +154,7 @@ def _loop_samples(diagnosis: Diagnosis) -> tuple[Floats, Floats, Bools]:
 
 def _swing(view: FitView) -> Floats:
     """Return the travel of the drive since its last reversal."""
-    turned = np.r_[True, np.diff(_last_direction(view)) != 0]
-    at = np.maximum.accumulate(np.where(turned, np.arange(turned.size), 0))
-    return np.abs(view.drive - view.drive[np.maximum(at - 1, 0)])
+    return np.abs(view.drive - view.drive[np.maximum(_last_turn(view) - 1, 0)])
 
 
 def _mean_in(index: np.ndarray, x: Floats, count: int) -> Floats:
@@ -214,20 +202,14 @@ def _draw_place(
     ok = np.isfinite(place) & where & counted
     axes.set(xlabel=label, title=f"by {label.rsplit(', ', 1)[0]}")
     if edges.size < 2 or ok.sum() < FEW:
-        axes.text(
-            0.5,
-            0.5,
-            "none in these\nrecordings",
-            ha="center",
-            va="center",
-            transform=axes.transAxes,
-        )
+        middle = {"ha": "center", "va": "center"}
+        axes.text(0.5, 0.5, "none in these\nrecordings", middle, transform=axes.transAxes)
         axes.set(xticks=[], yticks=[])
         return f"Rms error by {label}: these recordings have none."
     index = np.digitize(place[ok], edges) - 1
     for name, color, text in MODELS:
         error = np.concatenate([v.displacement - getattr(v, name) for v in diagnosis.views])[ok]
-        steps = k * _rms_in(index, error, edges.size - 1)
+        steps = k * np.sqrt(_mean_in(index, error**2, edges.size - 1))
         axes.stairs(steps, edges, color=color, lw=2, label=text, baseline=None)
     axes.axhline(k * diagnosis.noise, color=NOISE, lw=2, alpha=0.7, label="noise")
     if edges[0] > 0 and edges[-1] / edges[0] > 50:
@@ -236,13 +218,6 @@ def _draw_place(
     axes.set_ylabel(f"rms error, {unit}")
     add_legend(axes)
     return f"Rms error by {label}, before and after, against the noise."
-
-
-def _rms_in(index: np.ndarray, error: Floats, count: int) -> Floats:
-    ok = (index >= 0) & (index < count) & np.isfinite(error)
-    number = np.bincount(index[ok], minlength=count)
-    power = np.bincount(index[ok], error[ok] ** 2, minlength=count)
-    return np.where(number >= 8, np.sqrt(power / np.maximum(number, 1)), np.nan)
 
 
 def _log_edges(x: Floats) -> Floats:
@@ -266,21 +241,22 @@ def _one_clock(views: tuple[FitView, ...]) -> Floats:
     return np.concatenate(clock)
 
 
+def _last_row(marked: Bools) -> Ints:
+    """Return (N,) the last marked row up to each; 0 before the first."""
+    return np.maximum.accumulate(np.where(marked, np.arange(marked.size), 0))
+
+
 def _last_direction(view: FitView) -> Floats:
-    return _carried(np.sign(np.diff(view.drive, prepend=view.drive[0])), lambda s: s != 0)
+    direction = np.sign(np.diff(view.drive, prepend=view.drive[0]))
+    return np.asarray(direction[_last_row(direction != 0)])
 
 
-def _carried(x: Floats, good: Callable[[Floats], np.ndarray]) -> Floats:
-    """Replace every sample by the last good value up to it."""
-    at = np.where(good(x), np.arange(x.size), 0)
-    return np.asarray(x[np.maximum.accumulate(at)])
+def _last_turn(view: FitView) -> Ints:
+    return _last_row(np.r_[True, np.diff(_last_direction(view)) != 0])
 
 
 def _since_turn(view: FitView) -> Floats:
-    direction = _last_direction(view)
-    turn = np.r_[True, np.diff(direction) != 0]
-    start = np.maximum.accumulate(np.where(turn, np.arange(turn.size), 0))
-    return view.t_s - view.t_s[start] + _period_s(view)
+    return view.t_s - view.t_s[_last_turn(view)] + _period_s(view)
 
 
 def _rate(view: FitView) -> Floats:
@@ -294,5 +270,4 @@ def _in_hold(view: FitView, span: float) -> Floats:
     """Return the time since the drive came to rest [s]; 0 while it moves."""
     step = np.abs(np.diff(view.drive, prepend=view.drive[0]))
     moves = step > STILL * span * _period_s(view)
-    start = np.maximum.accumulate(np.where(moves, np.arange(moves.size), 0))
-    return np.where(moves, 0.0, view.t_s - view.t_s[start])
+    return np.where(moves, 0.0, view.t_s - view.t_s[_last_row(moves)])

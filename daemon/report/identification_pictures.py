@@ -19,11 +19,11 @@ from dehyst.daemon.report.plotting import (
     add_legend,
     draw_noise_band,
     draw_trace,
+    draw_white_noise,
     estimate_density,
     limit_to,
     scale_by_decades,
     thin_rows,
-    white_density,
 )
 from dehyst.models.identify import Identification
 from dehyst.models.recording import Floats, Recording
@@ -124,13 +124,7 @@ def draw_residual_spectrum(
     e, noise, unit = _error(result, recording, number)
     f, density = estimate_density([e], recording.period_s)
     axes.plot(f, density, color=MODEL, lw=1.4, label="residual")
-    axes.axhline(
-        white_density(noise, recording.period_s),
-        color=NOISE,
-        lw=2,
-        alpha=0.7,
-        label="noise, if white",
-    )
+    draw_white_noise(axes, noise, recording.period_s)
     scale_by_decades(axes, y=True)
     axes.set(xlabel="frequency, Hz", ylabel=f"{unit}/√Hz", title="spectrum of the residual")
     add_legend(axes, 0.18)

@@ -212,6 +212,12 @@ def add_legend(axes: Axes, share: float = 0.3) -> None:
     axes.legend(loc="upper left", ncols=2)
 
 
+def draw_white_noise(axes: Axes, noise: float, period_s: float) -> None:
+    """Draw the amplitude density that white noise of this rms would have."""
+    density = white_density(noise, period_s)
+    axes.axhline(density, color=NOISE, lw=2, alpha=0.7, label="noise, if white")
+
+
 def white_density(noise: float, period_s: float) -> float:
     """Return the amplitude density of white noise of this rms [unit/sqrt(Hz)]."""
     return float(noise * np.sqrt(2 * period_s))

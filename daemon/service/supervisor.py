@@ -338,13 +338,7 @@ class BenchProcess:
 
     def __init__(self, directory: Path, arguments: list[str]) -> None:
         self.process = subprocess.Popen(
-            [
-                *DEHYST,
-                "emulate",
-                "--dir",
-                str(directory),
-                *arguments,
-            ],
+            [*DEHYST, "emulate", "--dir", str(directory), *arguments],
             stdin=subprocess.DEVNULL,
             start_new_session=True,
             **(log_lines.for_child() | {"stdout": subprocess.PIPE}),

@@ -19,12 +19,7 @@ from dehyst.drivers.apt.open_loop import check_ready, enable, reported_counts
 from dehyst.drivers.apt.role import AptRole
 from dehyst.drivers.apt.settings import PiezoSettings
 from dehyst.drivers.call_times import Batches, CallTimes
-from dehyst.drivers.interface import (
-    DeviceSpec,
-    DriverConfigError,
-    OutOfRange,
-    ProtocolError,
-)
+from dehyst.drivers.interface import DeviceSpec, DriverConfigError, OutOfRange, ProtocolError
 
 BATCHES = Batches()
 

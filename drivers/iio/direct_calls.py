@@ -12,9 +12,10 @@ from collections.abc import Callable
 import numpy as np
 from numba import carray, cfunc, njit, types
 
-from dehyst.drivers.direct_calls import SIGNATURE, Direct, Words, pointer
+from dehyst.drivers.direct_calls import SIGNATURE, Direct
 from dehyst.drivers.iio.channel import CONTEXT_T, TEXT_BYTES, Channel, counts_in, fault_of
 from dehyst.drivers.interface import DeviceGone, DriverError, OutOfRange, ProtocolError
+from dehyst.models.addresses import Words, pointer
 
 CLOSED, NO_NUMBER, EMPTY, NOT_IN_RANGE = -1, -2, -3, -4
 MOST_DIGITS = 18

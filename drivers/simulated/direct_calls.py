@@ -9,20 +9,12 @@ import math
 import numpy as np
 from numba import carray, cfunc, njit, types
 
-from dehyst.drivers.direct_calls import (
-    SIGNATURE,
-    Addresses,
-    Direct,
-    Words,
-    floats_at,
-    grid_at,
-    pointer,
-    whole_at,
-)
+from dehyst.drivers.direct_calls import SIGNATURE, Direct
 from dehyst.drivers.interface import DeviceGone, DriverError, OutOfRange
 from dehyst.drivers.simulated import kernels, parts
 from dehyst.drivers.simulated.axes import DRIVEN, EPOCH, PLUGGED, WRITTEN, N
 from dehyst.drivers.simulated.kernels import PlatformArrays
+from dehyst.models.addresses import Addresses, Words, floats_at, grid_at, pointer, whole_at
 
 UNPLUGGED, NOT_IN_RANGE = 1, 2
 # Positions in the context's table: the fields of PlatformArrays, then SWITCHES (see

@@ -18,7 +18,7 @@ from dehyst.drivers.simulated.settings import AXES, STAGE_KEYS, StageSettings
 from dehyst.drivers.simulated.stage import SimulatedStage
 
 if TYPE_CHECKING:  # the compiled functions are imported only where they are needed
-    from dehyst.drivers.direct_calls import Addresses
+    from dehyst.models.addresses import Addresses
 
 
 class SharedPlatform:

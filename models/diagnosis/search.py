@@ -80,15 +80,13 @@ def is_better_search(other: SearchState, state: SearchState, left: float) -> boo
     n = int(state.problem.data.rows.sum())
     other_left = misfit_beyond_noise(state.problem, other.accepted, state.sigma)
     margin = max(0.1 * left, (0.07 * state.sigma) ** 2)
-    count, other_count = (
-        len({e.candidate.name for e in s.accepted.effects}) for s in (state, other)
-    )
+    names, other_names = ({e.candidate.name for e in s.accepted.effects} for s in (state, other))
+    count, other_count = len(names), len(other_names)
     if other_count < count:
         return other_left < left + margin
     if other_count == count:
-        return (
-            left - other_left
-        ) * n > TUNING.price * state.sigma**2 and other_left < left - margin
+        pays = (left - other_left) * n > TUNING.price * state.sigma**2
+        return pays and other_left < left - margin
     return False
 
 
@@ -117,10 +115,8 @@ def _run_round(
     state: SearchState, everything: Sequence[Candidate], shortlist: int, say: Progress, number: int
 ) -> SearchState:
     """Screen, refit a short list and accept the best, if there is one."""
-    screen, pool = (
-        Screen(state.problem, state.accepted),
-        list_remaining(state.problem, state.accepted, everything),
-    )
+    screen = Screen(state.problem, state.accepted)
+    pool = list_remaining(state.problem, state.accepted, everything)
     screened = zip(pool, state.problem.several(screen.starts, pool), strict=True)
     ranked = rank_by_estimated_gain(state, screened)
     trials = refit_each(state, select_for_refit(ranked, shortlist), say, number)

@@ -23,11 +23,7 @@ from dehyst.models.diagnosis.findings.reported import is_narrow
 from dehyst.models.diagnosis.findings.shape import mark_not_contained
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState
 from dehyst.models.diagnosis.result import Diagnosis, Finding, FitView, Progress, Value
-from dehyst.models.diagnosis.search_problem import (
-    Prepared,
-    choose_base,
-    join_recordings,
-)
+from dehyst.models.diagnosis.search_problem import Prepared, choose_base, join_recordings
 from dehyst.models.diagnosis.searched import look_for_causes
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.diagnosis.verdict import Judged, reach_verdict
@@ -98,12 +94,8 @@ def _report(
     judged: Judged, recordings: Sequence[Recording], with_limits: bool, say: Progress
 ) -> Diagnosis:
     """Write the report of a verdict: findings, limits, errors before and after, pictures."""
-    searched, found, written, verdict = (
-        judged.searched,
-        judged.found,
-        judged.written,
-        judged.verdict,
-    )
+    searched, found = judged.searched, judged.found
+    written, verdict = judged.written, judged.verdict
     diagnosed, whole, fitted = searched.bare.diagnosed, searched.whole, judged.fitted
     say("limits", 0.96)
     findings = judged.findings

@@ -96,10 +96,8 @@ def _weigh(searched: Searched, found: SearchState, say: Progress) -> _Weighed:
     weighed = conclude(searched.bare, found, searched.shown, searched.episode)
     say("intervals and rivals", 0.92)
     data, findings = weighed.problem.data, weighed.findings
-    residual, left = (
-        weighed.final.residual(data),
-        misfit_beyond_noise(weighed.problem, weighed.final, sigma),
-    )
+    residual = weighed.final.residual(data)
+    left = misfit_beyond_noise(weighed.problem, weighed.final, sigma)
     late = find_episodes(data, residual, sigma) if searched.episode is None else None
     if late is not None:
         residual = residual - late.removed

@@ -13,13 +13,7 @@ from numba import njit
 
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
-from dehyst.models.physics.candidate import (
-    Context,
-    Parameter,
-    Probe,
-    format_length,
-    other_causes,
-)
+from dehyst.models.physics.candidate import Context, Parameter, Probe, format_length, other_causes
 from dehyst.models.physics.coupling import Coupling
 from dehyst.models.physics.entry import OTHER_AXIS, Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Solved, Values

@@ -29,14 +29,7 @@ from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.status import LoopMonitor, SensorConversion
 from dehyst.daemon.loop.step import Stepper
 from dehyst.daemon.loop.trim import trim_setting
-from dehyst.daemon.rings.records import (
-    COMMAND,
-    EVENT,
-    TELEMETRY,
-    State,
-    model_digest,
-    model_file,
-)
+from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, State, model_digest, model_file
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.run_folder import make_run_folder
 from dehyst.daemon.rings.status import STATUS

@@ -27,7 +27,7 @@ from dehyst.daemon.loop.records_in_memory import (
 )
 from dehyst.daemon.loop.states import LoopEvent
 from dehyst.daemon.rings.records import State
-from dehyst.drivers.direct_calls import table_at
+from dehyst.models.addresses import table_at
 from dehyst.models.inverse.state import inverse_at
 
 RUNNING, FAULT = as_int64(State.RUNNING), as_int64(State.FAULT)

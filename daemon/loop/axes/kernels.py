@@ -35,7 +35,7 @@ from dehyst.daemon.loop.records_in_memory import (
 )
 from dehyst.daemon.loop.sample import make_voltage, take_requests
 from dehyst.daemon.rings.records import Flag, State
-from dehyst.drivers.direct_calls import table_at
+from dehyst.models.addresses import table_at
 from dehyst.models.inverse.state import inverse_at
 
 RUNNING = as_int64(State.RUNNING)

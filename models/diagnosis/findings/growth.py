@@ -69,10 +69,8 @@ def growth(data: Data, sigma: float, x: Floats, r: Floats) -> Growth | None:
         gains = xr[k - 1] ** 2 / low + (xr[-1] - xr[k - 1]) ** 2 / high - xr[-1] ** 2 / total
         best = int(np.argmax(gains))
         split, gain = int(k[best]), float(gains[best])
-        before, behind = (
-            float(xr[split - 1] / low[best]),
-            float((xr[-1] - xr[split - 1]) / high[best]),
-        )
+        before = float(xr[split - 1] / low[best])
+        behind = float((xr[-1] - xr[split - 1]) / high[best])
         scatter = _scatter(x[at], r[at], sigma)
         smaller, larger = sorted((before, behind), key=abs)
         clear = gain > max(PRICE * sigma**2, TAKEN * scatter, SCATTER * total)
