@@ -28,12 +28,6 @@ class RecordedExchange:
             "received": [[round(at_s, 6), d.decode("latin-1")] for at_s, d in self.received],
         }
 
-    @classmethod
-    def from_dict(cls, table: dict[str, Any]) -> "RecordedExchange":
-        """Convert from the fixture file's form."""
-        received = tuple((float(at_s), d.encode("latin-1")) for at_s, d in table["received"])
-        return cls(table["sent"].encode("latin-1"), float(table["sent_at_s"]), received)
-
 
 def record_exchange(
     port: SerialPort,

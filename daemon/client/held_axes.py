@@ -158,24 +158,20 @@ class HeldAxes(Closing):
 
     def _live(self, connect: Callable[[], Group], ready: "Future[None]") -> None:
         try:
-            group = connect()
-        except BaseException as error:
-            ready.set_exception(error)
-            return
-        with group:
-            try:
+            with connect() as group:
                 configs = [c.config().setpoint for c in group.clients.values()]
                 self._stale_s = min(min(one.stale_s, one.lease_s) for one in configs)
                 self._streams = {axis: c.stream() for axis, c in group.clients.items()}
                 self._ask(group)
-            except BaseException as error:
-                ready.set_exception(error)
-                return
-            ready.set_result(None)
-            while self._turn(group):
-                pass
-            with suppress(DehystError):
-                self._stop_now()
+                ready.set_result(None)
+                while self._turn(group):
+                    pass
+                with suppress(DehystError):
+                    self._stop_now()
+        except BaseException as error:
+            if ready.done():
+                raise
+            ready.set_exception(error)
 
     def _turn(self, group: Group) -> bool:
         """Run one turn of the thread; return False when it should end."""

@@ -169,25 +169,20 @@ class Positioner(Closing):
 
     def _live(self, connect: Callable[[], Client], ready: "Future[Any]") -> None:
         try:
-            client = connect()
-        except BaseException as error:
-            ready.set_exception(error)
-            return
-        with client:
-            try:
-                status, config = client.wait_until_started(), client.config()
-                reach = (status.reach_min, status.reach_max)
-                period_s = status.period_ns * 1e-9
+            with connect() as client:
+                status, stale_s = client.wait_until_started(), client.config().setpoint.stale_s
+                reach, period_s = (status.reach_min, status.reach_max), status.period_ns * 1e-9
                 self._listen(client)
-            except BaseException as error:
-                ready.set_exception(error)
-                return
-            ready.set_result((client.name, status.unit, reach, period_s, config.setpoint.stale_s))
-            try:
-                while self._step(client):
-                    pass
-            finally:
-                self._fail("the positioner was closed")
+                ready.set_result((client.name, status.unit, reach, period_s, stale_s))
+                try:
+                    while self._step(client):
+                        pass
+                finally:
+                    self._fail("the positioner was closed")
+        except BaseException as error:
+            if ready.done():
+                raise
+            ready.set_exception(error)
 
     def _listen(self, client: Client) -> None:
         self._stream = client.stream()

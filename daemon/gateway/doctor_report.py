@@ -40,15 +40,16 @@ def describe_report(
 ) -> DoctorReport:
     """Return the report of a case. examined: None: the doctor is still working; decided: None: no
     decision yet; times: of a trial [s], required motion and time limit; scopes: None: unknown."""
+    begun = DoctorReport(
+        case=case.name,
+        time_ns=case.time_ns,
+        wall_ns=case.wall_ns,
+        changed_wall_ns=case.wall_ns,
+        state="working",
+        says="The doctor has the recording.",
+    )
     if examined is None:
-        return DoctorReport(
-            case=case.name,
-            time_ns=case.time_ns,
-            wall_ns=case.wall_ns,
-            changed_wall_ns=case.wall_ns,
-            state="working",
-            says="The doctor has the recording.",
-        )
+        return begun
     tested, offer = examined.tested, None
     if tested is not None:
         offer = ModelOffer(
@@ -75,10 +76,8 @@ def describe_report(
     if decided is not None:
         state = decided.state
         says = f"{says} {decided.because[0].upper()}{decided.because[1:]}."
-    return DoctorReport(
-        case=case.name,
-        time_ns=case.time_ns,
-        wall_ns=case.wall_ns,
+    return msgspec.structs.replace(
+        begun,
         changed_wall_ns=decided.wall_ns if decided is not None else case.wall_ns,
         state=state,
         verdict=examined.verdict,

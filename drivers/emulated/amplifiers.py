@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from dehyst.drivers.apt.codec import BAYS
-from dehyst.drivers.emulated.apt_port import AptEmulator
 from dehyst.drivers.emulated.kpc101_unit import (
     AXES,
     RACK_KNOBS,
@@ -24,7 +23,15 @@ from dehyst.drivers.emulated.kpz101_knobs import Kpz101Knobs
 from dehyst.drivers.emulated.kpz101_unit import Kpz101Unit
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
 from dehyst.drivers.emulated.mdt693b_port import Mdt693bEmulator
+from dehyst.drivers.emulated.pty_device import PtyServer
 from dehyst.drivers.interface import DriverConfigError
+
+
+class AptEmulator(PtyServer):
+    """A PtyServer with a piezo driver or controller."""
+
+    unit: Kpz101Unit | Bpc303Unit
+
 
 Knobs = Mdt693bKnobs | Kpz101Knobs
 Amplifier = Mdt693bEmulator | AptEmulator

@@ -266,9 +266,7 @@ class Control:
         bench = self._bench
         bench.amplifier.clear_faults()
         for axis, stage in bench.stages.items():
-            bench.gauges[axis].stall_writes(False)
-            unit = bench.gauge_units[axis]
-            unit.faults = type(unit.faults)()
+            bench.gauges[axis].clear_faults()
             stage.clear_fault()
         for server in bench.servers:
             server.plug()

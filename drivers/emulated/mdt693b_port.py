@@ -21,8 +21,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from msgspec import structs
-
 from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bFaults, Mdt693bKnobs
 from dehyst.drivers.emulated.mdt693b_unit import Mdt693bUnit
@@ -46,15 +44,6 @@ class Mdt693bEmulator(PtyServer):
     ) -> None:
         super().__init__(Mdt693bUnit(knobs, on_output, clock), link_path, clock)
 
-    def fault(self, **changes: Any) -> None:
-        """Switch faults (fields of Mdt693bFaults) at run time; unknown names raise TypeError."""
-        self.call(lambda: self._set_faults(structs.replace(self.unit.faults, **changes)))
-
-    def clear_faults(self) -> None:
-        """Restore a healthy unit and a port that accepts bytes."""
-        self.call(lambda: self._set_faults(Mdt693bFaults()))
-        self.stall_writes(False)
-
     def replug(self, dialect: str | None = None) -> None:
         """Plug the cable in again; with `dialect`, the unit now has another firmware."""
         if dialect is not None:
@@ -68,9 +57,6 @@ class Mdt693bEmulator(PtyServer):
     def output_v(self, axis: str = "x") -> float:
         """Return the present voltage at an output."""
         return self.call(lambda: self.unit.output_v(axis))
-
-    def _set_faults(self, faults: Mdt693bFaults) -> None:
-        self.unit.faults = faults
 
 
 class ControlLines:

@@ -28,6 +28,8 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Protocol, Self, TypeVar
 
+from msgspec import structs
+
 T = TypeVar("T")
 
 LONGEST_SLEEP_S = 0.5
@@ -36,7 +38,10 @@ LONGEST_SLEEP_S = 0.5
 
 class PtyUnit(Protocol):
     """An emulated instrument on a serial line. Times are those of the unit's own clock, which must
-    be the clock of the server (by default time.monotonic)."""
+    be the clock of the server (by default time.monotonic). faults: a Struct, replaced at run
+    time."""
+
+    faults: Any
 
     def feed(self, data: bytes) -> None:
         """Take bytes from the host that arrive now."""
@@ -115,6 +120,18 @@ class PtyServer:
     def stall_writes(self, on: bool) -> None:
         """While on, the host cannot send a byte: its write blocks until its time-out."""
         self.call(lambda: self._stall(on))
+
+    def fault(self, **changes: Any) -> None:
+        """Switch faults (fields of the unit's) at run time; unknown names raise TypeError."""
+        self.call(lambda: self._set_faults(structs.replace(self.unit.faults, **changes)))
+
+    def clear_faults(self) -> None:
+        """Restore a healthy unit and a port that accepts bytes."""
+        self.call(lambda: self._set_faults(type(self.unit.faults)()))
+        self.stall_writes(False)
+
+    def _set_faults(self, faults: Any) -> None:
+        self.unit.faults = faults
 
     def wake(self) -> None:
         """Make the loop look at the unit again (a job or a fault changed what is due)."""

@@ -24,7 +24,7 @@ TOOLS = (
     "tests.rigs.chaos", "tests.rigs.exchange", "tests.rigs.service",
     "tests.benchmarks.late_wakeups.LateWakeups",
     "dehyst.daemon.bus.session.Bus", "dehyst.drivers.emulated.bench",
-    "dehyst.drivers.emulated.apt_port", "dehyst.drivers.emulated.mdt693b_port",
+    "dehyst.drivers.emulated.amplifiers", "dehyst.drivers.emulated.mdt693b_port",
     "dehyst.drivers.emulated.pty_device", "nbclient",
 )  # fmt: skip
 EVENTS = {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.system"}

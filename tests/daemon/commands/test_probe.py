@@ -3,12 +3,13 @@
 import json
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 from msgspec import structs
 
 from dehyst.daemon.main import main
-from dehyst.drivers.emulated.apt_port import AptEmulator
+from dehyst.drivers.emulated.amplifiers import AptEmulator
 from dehyst.drivers.emulated.kpc101_unit import RACK_KNOBS, Bpc303Unit, Kpc101Knobs, Kpc101Unit
 from dehyst.drivers.emulated.kpz101_knobs import Kpz101Knobs
 from dehyst.drivers.emulated.kpz101_unit import Kpz101Unit
@@ -24,6 +25,12 @@ from dehyst.drivers.mdt693b.probe import QUERIES, interpret
 from dehyst.drivers.mdt693b.tuning import ProbeTuning
 from dehyst.drivers.recorded import RecordedExchange
 from dehyst.drivers.registry import list_plugins
+
+
+def exchange_of(table: dict[str, Any]) -> RecordedExchange:
+    """Read an exchange back from the fixture file's form."""
+    received = tuple((float(at_s), d.encode("latin-1")) for at_s, d in table["received"])
+    return RecordedExchange(table["sent"].encode("latin-1"), float(table["sent_at_s"]), received)
 
 
 @pytest.fixture(autouse=True)
@@ -49,7 +56,7 @@ def test_a_unit_is_recorded_and_understood(tmp_path, capsys, dialect):
     assert printed["timings"]["query"]["rate_hz"] > 0
     assert "set" not in printed["timings"]
     table = json.loads(fixture.read_text())
-    exchanges = [RecordedExchange.from_dict(entry) for entry in table["exchanges"]]
+    exchanges = [exchange_of(entry) for entry in table["exchanges"]]
     assert [e.sent for e in exchanges] == [q.encode() + b"\r" for q in QUERIES]
     assert all(e.received[0][0] >= e.sent_at_s for e in exchanges)
     assert interpret(exchanges).answers == printed["answers"]
@@ -105,9 +112,7 @@ def test_a_gauge_reader_is_recorded_and_understood(tmp_path, capsys):
     assert printed["gauge_connected"]
     assert not printed["zeroed"]
     assert printed["timings"]["reading"]["count"] == 100
-    exchanges = [
-        RecordedExchange.from_dict(e) for e in json.loads(fixture.read_text())["exchanges"]
-    ]
+    exchanges = [exchange_of(e) for e in json.loads(fixture.read_text())["exchanges"]]
     assert len(exchanges) == len(REQUESTS)
     assert exchanges[1].sent == bytes.fromhex("050000005001")  # MGMSG_HW_REQ_INFO
     assert exchanges[4].sent == bytes.fromhex("dd0701005001")
@@ -188,9 +193,7 @@ def test_a_kpc101_and_its_gauge_are_recorded_and_not_touched(tmp_path, capsys):
     (channel,) = found["channels"]
     assert (channel["roles"], channel["limit_v"]) == (["actuator", "sensor"], 100.0)
     assert channel["position_um"] == pytest.approx(12.5, abs=40.0 / 32767)
-    exchanges = [
-        RecordedExchange.from_dict(e) for e in json.loads(fixture.read_text())["exchanges"]
-    ]
+    exchanges = [exchange_of(e) for e in json.loads(fixture.read_text())["exchanges"]]
     assert exchanges[1].sent == bytes.fromhex("050000005001")
     assert [c.position_um for c in interpret_channels(exchanges)] == [channel["position_um"]]
 

@@ -14,7 +14,7 @@ from tests.rigs.two_loops import Rig, setpoint
 
 from dehyst.daemon.loop.status import PLACE
 from dehyst.daemon.rings.records import Flag, State
-from dehyst.drivers.emulated.apt_port import AptEmulator
+from dehyst.drivers.emulated.amplifiers import AptEmulator
 from dehyst.drivers.emulated.kpc101_unit import RACK_KNOBS, Bpc303Unit, Kpc101Knobs, Kpc101Unit
 from dehyst.drivers.emulated.kpz101_knobs import Kpz101Knobs
 from dehyst.drivers.emulated.kpz101_unit import Kpz101Unit
