@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dehyst.daemon.acquire.axes import PACES, acquire_axes, plan_axes
+from dehyst.daemon.acquire.axes import PACES, plan_axes
 from dehyst.daemon.api.functions import load_model
 from dehyst.daemon.config import Config
 from dehyst.daemon.files.axis_columns import axis_column
@@ -215,16 +215,8 @@ def record_axes_in_turn(bench: Workbench) -> Result:
     t_s, volts = drives_for(bench, 0)
     configs = list(bench.configs().values())
     gains = np.array([config.actuator.gain for config in configs])
-    with bench.driving("recording") as (progress, stop):
-        found, ended = acquire_axes(
-            configs, t_s, volts / gains, "v", TUNING.exercise_s, progress, stop
-        )
-        if ended:
-            bench.keep_axes(found, "unfinished")
-            raise NotNow(
-                f"{ended}; the samples recorded before are kept. The same command repeats the "
-                "recording"
-            )
+    in_turn = plan_axes(configs, t_s, volts / gains)
+    found = bench.play_axes(*in_turn, TUNING.exercise_s, "recording")
     return _judged(bench, found, "recording")
 
 

@@ -3,7 +3,7 @@
 As this is done many times with the same recordings, the shared parts are computed once: the rows
 that count, the base's columns filtered by the effects found, and the contribution of each candidate
 from its starts. An effect at a limit is about as large as the noise, so all fits are linearised
-about the one that was found (`Problem.about`).
+about the one that was found (`Problem.linearised_about`).
 """
 
 from collections.abc import Collection, Sequence
