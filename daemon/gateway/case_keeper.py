@@ -61,9 +61,7 @@ class CaseKeeper:
         end nothing is good: a stage that rests, or is moved slowly, matches its model again while
         the cause is still there."""
         if wrong:
-            before = seq - round(SPARE_S * self._rate_hz)
-            kept = [s for s in self._good if s.size and int(s["seq"][-1]) <= before]
-            self._good = deque(kept, maxlen=STRETCHES)
+            self._good = deque(self._well_before(seq), maxlen=STRETCHES)
         else:
             self._good_from = seq
 
@@ -83,8 +81,9 @@ class CaseKeeper:
         flag; end: last sample of the recording. Raises OSError, DehystError."""
         folder = case_folder(recording)
         folder.mkdir(parents=True)
-        good, leads = self._last_good(flagged), {}
-        if good is not None:
+        stretches, leads = self._well_before(flagged), {}
+        if stretches:
+            good = stretches[-1]
             count = min(MOST_ROWS, round(GOOD_S * self._rate_hz))
             leads[GOOD] = self._write(
                 folder / GOOD, good, int(good["seq"][-1]) + 1 - count, origin, model
@@ -97,10 +96,10 @@ class CaseKeeper:
         self._folder, self._origin, self._first = folder, origin, flagged - self._lead
         self._end = end + round(case.later_s * self._rate_hz)
 
-    def _last_good(self, flagged: int) -> NDArray[Any] | None:
+    def _well_before(self, flagged: int) -> list[NDArray[Any]]:
+        """Return the stretches that ended SPARE_S or more before this sample, the newest last."""
         before = flagged - round(SPARE_S * self._rate_hz)
-        fit = [s for s in self._good if s.size and int(s["seq"][-1]) <= before]
-        return fit[-1] if fit else None
+        return [s for s in self._good if s.size and int(s["seq"][-1]) <= before]
 
     def write_later_recording(self, seq: int, model: Path) -> None:
         """Write the recording after the mismatch, once telemetry has reached its end at `seq`."""

@@ -13,9 +13,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any
-
-from numpy.typing import NDArray
 
 from dehyst.daemon import clock
 from dehyst.daemon.bus import encoding
@@ -116,10 +113,6 @@ class DoctorDesk:
         if self._trial.case_on_trial:
             return ""  # the offer waits and is checked again after the trial
         return self._trial.why_not(self._folders[name] / cases.IN_USE)
-
-    def progress(self, now_ns: int) -> str:
-        """Describe the progress of the trial in words; "": no trial is running."""
-        return self._trial.progress(now_ns)
 
     # -- the thread -----------------------------------------------------------------------------
 
@@ -286,7 +279,3 @@ class DoctorDesk:
         scopes = self._scopes.get(name)
         report = describe_report(*self._known[name], self._times, scopes)
         self._publish(encoding.encode(report))
-
-    def take_samples(self, samples: NDArray[Any]) -> None:
-        """Pass samples of the loop, in order, to the trial."""
-        self._trial.take_samples(samples)

@@ -92,9 +92,9 @@ class Publisher:
             self._waiting.put((1, "gateway", f"{away}: {served.refused.because}"))
         self.mismatch_watch = MismatchWatch(config, self.history, self.report_later)
         found = bus.sender(keys.pubsub(subject(DOCTOR)), DOCTOR)
-        trial = ModelTrial(config, self._core_now, self.history.get)
-        self.doctor_desk = DoctorDesk(config, found.put, self.report_later, trial)
-        self.mismatch_watch.seen = self.doctor_desk.take_samples
+        self._trial = ModelTrial(config, self._core_now, self.history.get)
+        self.doctor_desk = DoctorDesk(config, found.put, self.report_later, self._trial)
+        self.mismatch_watch.seen = self._trial.take_samples
 
     def tick(self, now_ns: int) -> None:
         """Read the rings once and publish what is new."""
@@ -177,7 +177,7 @@ class Publisher:
             axes=served.axes,
             health=self.mismatch_watch.health,
             mismatch=self.mismatch_watch.figure,
-            trial=self.doctor_desk.progress(now_ns),
+            trial=self._trial.progress(now_ns),
             target=float(newest["target"][-1]) if newest.size else math.nan,
             measured=mean_reading(newest["measured"]),
         )

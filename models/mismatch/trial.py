@@ -105,32 +105,11 @@ class Samples(NamedTuple):
     held: Bools
 
 
-_SUMS = np.dtype(
-    [
-        (name, "<f8")
-        for name in (
-            "n",
-            "seconds",
-            "own",
-            "own2",
-            "n_other",
-            "other",
-            "other2",
-            "n_tracked",
-            "error2",
-            "without",
-            "n_steps",
-            "steps2",
-        )
-    ]
-)
-
-
 class ErrorMeter:
     """Errors over the newest `seconds` of motion."""
 
     def __init__(self, seconds: float, period_s: float) -> None:
-        self._parts: deque[np.ndarray] = deque()
+        self._parts: deque[dict[str, float]] = deque()
         self._wanted_s, self._period_s = seconds, period_s
         self._seconds = 0.0
 
@@ -143,21 +122,29 @@ class ErrorMeter:
         """Add a batch."""
         if not s.good.any():
             return
-        part = np.zeros((), _SUMS)
         own, other = s.own[s.good], s.other[s.good]
         known = np.isfinite(other)
         other, steps = other[known], s.steps[np.isfinite(s.steps)]
         error = s.error[s.tracked]
-        part["n"], part["own"], part["own2"] = own.size, own.sum(), own @ own
-        part["n_other"], part["other"], part["other2"] = other.size, other.sum(), other @ other
-        part["n_tracked"], part["error2"] = error.size, error @ error
-        part["without"] = np.count_nonzero(s.without & s.tracked)
-        part["n_steps"], part["steps2"] = steps.size, steps @ steps
-        part["seconds"] = np.count_nonzero(s.good | s.held) * self._period_s
+        seconds = float(np.count_nonzero(s.good | s.held) * self._period_s)
+        part: dict[str, float] = {
+            "seconds": seconds,
+            "n": own.size,
+            "own": float(own.sum()),
+            "own2": float(own @ own),
+            "n_other": other.size,
+            "other": float(other.sum()),
+            "other2": float(other @ other),
+            "n_tracked": error.size,
+            "error2": float(error @ error),
+            "without": float(np.count_nonzero(s.without & s.tracked)),
+            "n_steps": steps.size,
+            "steps2": float(steps @ steps),
+        }
         self._parts.append(part)
-        self._seconds += float(part["seconds"])
-        while self._parts and self._seconds - float(self._parts[0]["seconds"]) >= self._wanted_s:
-            self._seconds -= float(self._parts.popleft()["seconds"])
+        self._seconds += seconds
+        while self._parts and self._seconds - self._parts[0]["seconds"] >= self._wanted_s:
+            self._seconds -= self._parts.popleft()["seconds"]
 
     @property
     def full(self) -> bool:
@@ -169,7 +156,7 @@ class ErrorMeter:
         """The errors; NaN where nothing was seen."""
         if not self._parts:
             return Errors(math.nan, math.nan, 0.0)
-        t = {name: float(sum(float(p[name]) for p in self._parts)) for name in _SUMS.names or ()}
+        t = {name: float(sum(part[name] for part in self._parts)) for name in self._parts[0]}
         return Errors(
             _spread(t["n"], t["own"], t["own2"]),
             math.sqrt(t["error2"] / t["n_tracked"]) if t["n_tracked"] else math.nan,
@@ -221,11 +208,9 @@ def judge_trial(before: Errors, after: Errors, promise: OfferErrors, unit: str) 
             f"{promise.offered:.3g}",
         )
     why = _tracks_worse(before, after, promise.noise, unit)
-    return (
-        Verdict("goes", why)
-        if why
-        else Verdict("stays", _describe_confirmed(before, after, had, unit))
-    )
+    if why:
+        return Verdict("goes", why)
+    return Verdict("stays", _describe_confirmed(before, after, had, unit))
 
 
 def _tracks_worse(before: Errors, after: Errors, noise: float, unit: str) -> str:

@@ -342,8 +342,8 @@ CHANGES = [
         ),
         Change(
             "just-before-the-flag-is-good", "daemon/gateway/case_keeper.py",
-            'kept = [s for s in self._good if s.size and int(s["seq"][-1]) <= before]',
-            "kept = list(self._good)",
+            'return [s for s in self._good if s.size and int(s["seq"][-1]) <= before]',
+            "return list(self._good)",
             "what has begun shortly before its flag is taken for good",
         ),
     ),
