@@ -1,4 +1,4 @@
-"""play a drive in volts open loop and record what the stage does (before there is a model)"""
+"""Play a drive in volts open loop, and record what the stage does: for a stage without a model."""
 
 import argparse
 import json
@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="time of full loops before the recording, which let creep decay (default: 5 s)",
     )
     parser.add_argument(
-        "--axis", default="", metavar="NAME", help="serve only this axis of several"
+        "--axis", default="", metavar="NAME", help="record only this axis of several"
     )
     add_reading(parser)
     add_force(parser)

@@ -1,4 +1,4 @@
-"""compare models of hysteresis on the same recordings"""
+"""Compare models of hysteresis on the same recordings."""
 
 import argparse
 import json

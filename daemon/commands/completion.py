@@ -1,4 +1,4 @@
-"""print a script for tab completion"""
+"""Print a script for tab completion."""
 
 import argparse
 import re

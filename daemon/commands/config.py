@@ -1,4 +1,4 @@
-"""write a commented configuration"""
+"""Write a commented configuration."""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""write a recording in another file format"""
+"""Write a recording in another file format."""
 
 import argparse
 import json

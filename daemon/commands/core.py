@@ -1,4 +1,4 @@
-"""the real-time process alone (for systemd)"""
+"""Run only the real-time process (for systemd)."""
 
 import argparse
 import signal

@@ -1,4 +1,4 @@
-"""the whole story on the simulated stage in a few minutes"""
+"""Tell the whole story on the simulated stage in a few minutes."""
 
 import argparse
 import json

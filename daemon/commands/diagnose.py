@@ -1,4 +1,4 @@
-"""say what physics a model leaves out of a recording, and model it"""
+"""Say what physics a model leaves out of a recording, and model it."""
 
 import argparse
 import sys

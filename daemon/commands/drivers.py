@@ -1,4 +1,4 @@
-"""list the drivers, the broken ones with their error; with a name, the settings of a driver"""
+"""List the drivers, the broken ones with their error; with a name, the settings of a driver."""
 
 import argparse
 import dataclasses

@@ -1,4 +1,4 @@
-"""an amplifier and its gauges on pseudo terminals, with a simulated stage"""
+"""Emulate an amplifier and its gauges on pseudo terminals, with a simulated stage."""
 
 import argparse
 import contextlib

@@ -1,4 +1,4 @@
-"""design the drive for a recording, or check that a recording excites enough"""
+"""Design the drive for a recording, or check that a recording excites enough."""
 
 import argparse
 from functools import partial

@@ -1,4 +1,4 @@
-"""identify a model from a recording"""
+"""Identify a model from a recording."""
 
 import argparse
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""a virtual microscope images a grid: raw, compensated, learned"""
+"""Image a grid with a virtual microscope: raw, compensated, learned."""
 
 import argparse
 import sys

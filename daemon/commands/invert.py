@@ -1,4 +1,4 @@
-"""invert a model along a trajectory: displacements in, drive out"""
+"""Invert a model along a trajectory: displacements in, drive out."""
 
 import argparse
 import math

@@ -1,4 +1,4 @@
-"""test whether this machine meets the loop's deadlines"""
+"""Test whether this machine meets the loop's deadlines."""
 
 import argparse
 import sys

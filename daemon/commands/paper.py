@@ -1,4 +1,4 @@
-"""repeat the source paper's experiments, errors and figures next to the paper's"""
+"""Repeat the source paper's experiments, errors and figures next to the paper's."""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""record a unit's answers, raw bytes and timings, or report the devices of a configuration"""
+"""Record a unit's answers, raw bytes and timings, or report the devices of a configuration."""
 
 import argparse
 import json

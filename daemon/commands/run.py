@@ -1,4 +1,4 @@
-"""the daemon in the foreground (without --config: on the simulated stage)"""
+"""Run the daemon in the foreground (without --config: on the simulated stage)."""
 
 import argparse
 import sys

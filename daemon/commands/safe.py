@@ -1,4 +1,4 @@
-"""bring the output to its configured safe state (for systemd)"""
+"""Bring the output to its configured safe state (for systemd)."""
 
 import argparse
 import sys

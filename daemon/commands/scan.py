@@ -1,4 +1,4 @@
-"""write the path of a scan in the plane: raster, spiral or Lissajous figure"""
+"""Write the path of a scan in the plane: raster, spiral or Lissajous figure."""
 
 import argparse
 import json

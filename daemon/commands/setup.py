@@ -1,4 +1,4 @@
-"""lead from two plugged-in units to a validated model, step by step"""
+"""Lead from two plugged-in units to a validated model, step by step."""
 
 import argparse
 import sys

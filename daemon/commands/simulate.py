@@ -1,4 +1,4 @@
-"""run a model on a recording's drive"""
+"""Run a model on a recording's drive."""
 
 import argparse
 from pathlib import Path

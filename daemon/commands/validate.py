@@ -1,4 +1,4 @@
-"""how well a model predicts recordings that it has not seen"""
+"""Report how well a model predicts recordings that it has not seen."""
 
 import argparse
 from pathlib import Path

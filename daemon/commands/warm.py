@@ -1,4 +1,4 @@
-"""compile all kernels now, so that the next start is quick"""
+"""Compile all kernels now, so that the next start is quick."""
 
 import argparse
 import sys
