@@ -8,6 +8,7 @@ from dehyst.models.cascade.history import replay_recording
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model
 from dehyst.models.recording import Floats, Recording
+from dehyst.models.signals.error_size import rms
 
 
 class Prediction(NamedTuple):
@@ -78,10 +79,10 @@ def misfit(model: Model, recording: Recording, y: Floats) -> Misfit | None:
     first = settled_row(model, recording)
     late = known & (np.arange(recording.size) >= first)
     return Misfit(
-        float(np.sqrt(np.mean(error[known] ** 2))),
+        rms(error[known]),
         int(np.count_nonzero(known)),
         float(recording.t_s[first]) if first < recording.size else float("nan"),
-        float(np.sqrt(np.mean(error[late] ** 2))) if late.any() else float("nan"),
+        rms(error[late]),
         int(np.count_nonzero(late)),
         float(np.mean(error[known])),
         float(np.std(error[known])),

@@ -15,6 +15,7 @@ from dehyst.daemon import clock
 from dehyst.daemon.benchmark.cases import Comparison, head
 from dehyst.daemon.benchmark.rivals.interface import Predict, Rival, measured
 from dehyst.models.errors import DehystError
+from dehyst.models.signals.error_size import rms
 
 ROW_SHARES = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)  # of the fitted rows
 ENOUGH = 1.25  # as a multiple of the error with all rows
@@ -89,7 +90,7 @@ def held_out_error(case: Comparison, predict: Predict) -> float:
     """Return the rms of predicted minus measured over the scored rows."""
     with np.errstate(all="ignore"):
         left = predict(case.held.t_s, case.held.drive) - measured(case.held)
-        out = float(np.sqrt(np.mean(left[case.scored] ** 2)))
+        out = rms(left[case.scored])
     return out if math.isfinite(out) else math.inf
 
 

@@ -30,6 +30,7 @@ from dehyst.daemon.demo.chance import Chance
 from dehyst.daemon.rings.records import Flag
 from dehyst.models.errors import DehystError
 from dehyst.models.recording import Floats
+from dehyst.models.signals.error_size import rms
 
 WAVES: dict[str, tuple[tuple[float, float], ...]] = {
     "step": (),
@@ -308,23 +309,20 @@ class SecondAct:
         samples = samples[good]
         story.t_s = (samples["scheduled_ns"] - self._first_ns) * 1e-9
         story.target, story.measured = samples["target"], samples["measured"]
+        last_s, accepted = story.t_s[-1], np.isfinite(story.accepted_s)
         spans = {
             "before": (story.appeared_s - BEFORE_S, story.appeared_s),
-            "during": (story.appeared_s + 1.0, story.accepted_s),
-            "after": (story.t_s[-1] - LAST_S, story.t_s[-1]),
+            "during": (story.appeared_s + 1.0, story.accepted_s if accepted else last_s),
         }
-        if not np.isfinite(story.accepted_s):
-            spans["during"] = (story.appeared_s + 1.0, story.t_s[-1])
-            del spans["after"]
-        elif story.state == "accepted":  # leaves out the change itself
-            spans["after"] = (max(story.accepted_s + 3.0, story.t_s[-1] - LAST_S), story.t_s[-1])
-        else:
-            del spans["after"]
-            spans["trial"] = (story.accepted_s + 3.0, story.over_s)
+        changed_s = story.accepted_s + 3.0  # leaves out the change itself
+        if accepted and story.state == "accepted":
+            spans["after"] = (max(changed_s, last_s - LAST_S), last_s)
+        elif accepted:
+            spans["trial"] = (changed_s, story.over_s)
         for name, (first_s, end_s) in spans.items():
             part = (story.t_s >= first_s) & (story.t_s < end_s)
             error = (story.measured - story.target)[part]
-            story.rms[name] = float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
+            story.rms[name] = rms(error)
 
 
 def tell_end(story: Story) -> list[str]:

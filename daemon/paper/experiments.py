@@ -16,6 +16,7 @@ from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import UNREACHABLE, invert_trajectory
 from dehyst.models.model import Floats, Model
 from dehyst.models.recording import Bools, Recording
+from dehyst.models.signals.error_size import rms
 
 PERIOD_S = 1e-3
 NOISE_NM = 25.0
@@ -236,9 +237,9 @@ def _run(
         float(np.abs(off).max()),
         float(np.abs(noise).max()),
         float(np.abs(apart).max()),
-        float(np.sqrt(np.mean(inside**2))),
+        rms(inside),
         float(np.abs(inside).max()),
-        float(np.sqrt(np.mean(error**2))),
+        rms(error),
     )
 
 

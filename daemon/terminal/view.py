@@ -19,6 +19,7 @@ from dehyst.daemon.rings.records import TELEMETRY, Flag, Mode, State, name_of
 from dehyst.daemon.rings.status import cells, counts, is_starting, place, positioning, rate
 from dehyst.daemon.terminal.braille import Curve, Plot
 from dehyst.daemon.terminal.readout import readout
+from dehyst.models.signals.error_size import rms
 
 POINTS = 4000
 EVENT_LINES = 6
@@ -77,8 +78,7 @@ class RecentTelemetry:
         """Return the rms of measured minus target over the window; NaN without targets."""
         samples = self.samples()
         error = samples["measured"] - samples["target"]
-        error = error[np.isfinite(error)]
-        return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
+        return rms(error[np.isfinite(error)])
 
 
 def flag_names(flags: int) -> str:

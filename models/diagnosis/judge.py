@@ -13,6 +13,7 @@ from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Candidate
+from dehyst.models.signals.error_size import rms
 from dehyst.models.signals.joined import Data
 
 
@@ -81,7 +82,7 @@ def base_error(data: Data, part: float = TUNING.finest) -> float:
     stroke = float(np.ptp(data.y))
     path = data.path
     bend = np.diff(path.u, 2)[~(path.starts[1:-1] | path.starts[2:])]
-    between = float(np.sqrt(np.mean((bend / 8.0) ** 2))) if bend.size else 0.0
+    between = rms(bend / 8.0) if bend.size else 0.0
     return max(part * stroke, TUNING.quarter * between * stroke / data.span)
 
 

@@ -15,6 +15,7 @@ from dehyst.models.diagnosis.base import rich_base
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.signals.error_size import rms
 from dehyst.models.signals.joined import Bools, Data
 from dehyst.models.signals.pasts import FROM_ABOVE, FROM_BELOW
 
@@ -55,8 +56,8 @@ def explained_heads(problem: Problem, fitted: JointFit, sigma: float) -> list[in
         for i in out:
             here = data.rec == i
             rest = here & data.rows
-            usual = max(float(np.sqrt(np.mean(before[rest] ** 2))) if rest.any() else 0.0, sigma)
-            head = float(np.sqrt(np.mean(left[here & data.heads] ** 2)))
+            usual = max(rms(before[rest]) if rest.any() else 0.0, sigma)
+            head = rms(left[here & data.heads])
             if head > AS_WELL * usual:
                 wrong.append(i)
         if not wrong:

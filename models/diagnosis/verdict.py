@@ -24,6 +24,7 @@ from dehyst.models.diagnosis.result import Finding, Progress
 from dehyst.models.diagnosis.searched import Searched
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.diagnosis.written_model import WrittenModel, choose_written_model
+from dehyst.models.signals.error_size import rms
 from dehyst.models.signals.joined import Data, Floats
 
 
@@ -108,7 +109,7 @@ def _weigh(searched: Searched, found: SearchState, say: Progress) -> _Weighed:
     grown = any({"from_s", "until_s"} & f.where.keys() for f in findings)
     if left > TUNING.strong * sigma and not grown and is_coloured(data, residual, sigma):
         # the whole residual is noise
-        left, noise = 0.0, float(np.sqrt(np.mean(residual[data.rows] ** 2)))
+        left, noise = 0.0, rms(residual[data.rows])
     at_first = float(np.sqrt(max(weighed.bare - noise**2, 0.0)))
     any_loop = float(np.sqrt(misfit_beyond_noise(found.problem, found.null, sigma)))
     floor = max(noise, base_error(data) / TUNING.strong)

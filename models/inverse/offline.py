@@ -6,7 +6,6 @@ Jacobian (dehyst.models.inverse.refine). The preview's own drive is one more can
 the least predicted error is kept, so the result is never worse than the preview.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +18,7 @@ from dehyst.models.inverse.compensator import Compensator, CompensatorState
 from dehyst.models.inverse.refine import improve_by_sweeps, limit_drive, refine
 from dehyst.models.inverse.tuning import TUNING
 from dehyst.models.model import Floats
+from dehyst.models.signals.error_size import rms
 
 UNREACHABLE = sample.BEYOND_DRIVE | sample.BEYOND_SATURATION
 
@@ -91,7 +91,7 @@ def invert_streamed(
         y[i], reading[i] = state.predicted, state.reading
     mode = MODES[int(np.argmax(modes))]
     error = y - target
-    return Inverted(drive, y, reading, flags, mode, _rms(error, _settled(error, flags, comp)))
+    return Inverted(drive, y, reading, flags, mode, rms(error[_settled(error, flags, comp)]))
 
 
 def invert_trajectory(
@@ -125,17 +125,18 @@ def invert_trajectory(
         drives["exact"] = refine(comp, sweeps, state, goal, 0)
         approach = int(np.argmax(settled))
         drives["exact from preview"] = refine(comp, streamed.drive.copy(), state, goal, approach)
-    best, most = streamed, _rms(streamed.predicted - target, reachable)
+    best, most = streamed, rms((streamed.predicted - target)[reachable])
     for name, inside in drives.items():
         drive = comp.command(inside, at)
         y, reading = _replayed(comp, at, drive, channels)
-        rms = _rms(y - target, settled)
-        if rms < best.rms and _rms(y - target, reachable) <= most:
+        error = y - target
+        left = rms(error[settled])
+        if left < best.rms and rms(error[reachable]) <= most:
             fast = np.abs(np.diff(drive, prepend=at)) >= comp.rate * comp.period_s * (1 - 1e-9)
             flags = np.where(reachable, 0, streamed.flags & UNREACHABLE)
             flags |= np.where(fast, sample.SLEW, 0)
             flags |= np.where(comp.outside(drive, at), sample.OUTSIDE, 0)
-            best = Inverted(drive, y, reading, flags, name, rms)
+            best = Inverted(drive, y, reading, flags, name, left)
     return best
 
 
@@ -147,7 +148,3 @@ def _settled(error: Floats, flags: NDArray[np.int64], comp: Compensator) -> NDAr
     if np.any(arrived) and np.any(inside[over:]):
         inside[:over] = False
     return inside
-
-
-def _rms(error: Floats, where: NDArray[np.bool_]) -> float:
-    return float(np.sqrt(np.mean(error[where] ** 2))) if np.any(where) else math.nan

@@ -26,6 +26,7 @@ from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Context, Parameter, format_length
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Subtracted, head_record
+from dehyst.models.signals.error_size import rms
 from dehyst.models.signals.joined import Bools, Data, Floats
 
 PACKED = fields("length", "stribeck", "excess", "sliding", "gain", "viscous")
@@ -156,7 +157,7 @@ class Friction(Candidate):
         fades = EXCESS * amplitudes[0]
         if fades < 0:
             return "friction that pushes"
-        grows = amplitudes[1] * self._gain * float(np.sqrt(np.mean(_speeds(data) ** 2)))
+        grows = amplitudes[1] * self._gain * rms(_speeds(data))
         if grows < -LEADS * fades:
             return "friction that leads"
         return "a lag by itself" if fades < LAG_ALONE * grows else ""

@@ -19,6 +19,7 @@ from dehyst.models.physics.address import Kernel, behind, fields, record
 from dehyst.models.physics.candidate import Candidate, Context, Parameter
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Subtracted, Values, head_record
+from dehyst.models.signals.error_size import rms
 from dehyst.models.signals.joined import Bools, Data, Floats
 
 PACKED = fields("center", "scale", "power", "dilation", "tau")  # then r / scale, g, k, n of each
@@ -129,7 +130,7 @@ class Rate(Candidate):
     parameters = (Parameter("power", "1", 0.2, 2.0), Parameter("dilation", "1", 0.003, 1.0))
 
     def __init__(self, data: Data) -> None:
-        self._usual = float(np.sqrt(np.mean(_rates(data) ** 2)))
+        self._usual = rms(_rates(data))
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         return [(p, d) for p in (0.5, 1.0) for d in (0.02, 0.1, 0.4)]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dehyst.models.recording import Floats
+from dehyst.models.arrays import Floats
 
 Z95 = 1.96
 """Standard deviations to either side of the mean that hold 95 % of normal noise."""

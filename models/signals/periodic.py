@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from dehyst.models.signals.error_size import rms
 from dehyst.models.signals.joined import Floats, Ints
 
 FASTEST = 1e-3  # fraction of the power of the drive's rate above the fastest part
@@ -39,7 +40,7 @@ def fundamental_hz(u: Floats, dt: float) -> float:
         return 0.0
     lag = _settled(u, lag)
     # a period need not be a whole number of samples
-    most = REPEATS * float(np.std(u)) + 0.5 * float(np.sqrt(np.mean(np.diff(u) ** 2)))
+    most = REPEATS * float(np.std(u)) + 0.5 * rms(np.diff(u))
     if lag < max(4, low) or _unlike(u, lag) > most:
         return 0.0
     for parts in range(lag // max(4, 2 * low), 1, -1):  # the best match may be several periods long
@@ -72,7 +73,7 @@ def fastest_hz(u: Floats, part: Ints, dt: float) -> float:
 
 def _unlike(u: Floats, lag: int) -> float:
     d = u[lag:] - u[:-lag]
-    return float(np.sqrt(np.mean(d * d)))
+    return rms(d)
 
 
 def _settled(u: Floats, lag: int) -> int:

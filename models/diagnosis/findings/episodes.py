@@ -13,7 +13,7 @@ import numpy as np
 from dehyst.models.diagnosis.result import Finding, Value
 from dehyst.models.physics import line_for_a_time
 from dehyst.models.physics.candidate import format_length
-from dehyst.models.signals.error_size import Z95
+from dehyst.models.signals.error_size import Z95, rms
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 from dehyst.models.signals.lines import is_drive_line
 
@@ -82,7 +82,7 @@ def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
     finding = Finding(
         **line_for_a_time(f, format_length((size, data.unit)), f"{span} of {name}"),
         share=float(np.sum(line.removed**2)) / max(int(data.rows.sum()), 1),
-        evidence={"removed_rms": float(np.sqrt(np.mean(line.removed[here] ** 2)))},
+        evidence={"removed_rms": rms(line.removed[here])},
         parameters={
             "frequency_hz": Value(f, f - sure, f + sure, "Hz"),
             f"amplitude_{data.unit}": Value(

@@ -24,6 +24,7 @@ from dehyst.models.diagnosis.screen import Screen, contribution_of
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate, Probe
+from dehyst.models.signals.error_size import rms
 from dehyst.models.signals.joined import Floats
 
 CANNOT = "the drive of these recordings cannot show it"
@@ -160,7 +161,7 @@ def _guess(screen: Screen, c: Candidate, least: float) -> Guess:
     sizes = []
     for probe in probes:
         x = contribution_of(screen, c, probe)[:, None]
-        sizes.append(float(np.sqrt(np.mean(screen.projected(x) ** 2))))
+        sizes.append(rms(screen.projected(x)))
         if sizes[-1] > 3 * least:
             break
     if c.mode == "columns":  # linear in the amplitude

@@ -23,6 +23,7 @@ from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.screen import Screen, contribution_of
 from dehyst.models.physics import PHYSICS, list_candidates
 from dehyst.models.physics.candidate import format_length
+from dehyst.models.signals.error_size import rms
 from dehyst.models.signals.filters import dahl
 from dehyst.models.signals.joined import Floats
 
@@ -114,7 +115,7 @@ def absorbed_names(problem: Problem, final: JointFit, size: float) -> tuple[str,
             x = contribution_of(screen, c, probe)
             raw = float(np.std(x[problem.data.rows]))
             if raw >= 0.7 * size or probe is probes[-1]:
-                shown = float(np.sqrt(np.mean(screen.projected(x[:, None]) ** 2)))
+                shown = rms(screen.projected(x[:, None]))
                 best[c.name] = max(best.get(c.name, 0.0), shown / raw if raw > 1e-12 else 0.0)
                 break
     return tuple(name for name, shown in best.items() if shown < SHOWN)

@@ -10,8 +10,8 @@ CHANGES = [
         Change(
             "bench-scores-what-was-fitted",
             RUN,
-            "np.mean(left[case.scored] ** 2)",
-            "np.mean(left**2)",
+            "rms(left[case.scored])",
+            "rms(left)",
             "rows that a model was fitted to count as held out",
         ),
         Change(

@@ -169,8 +169,8 @@ CHANGES = [
         Change(
             "limit-not-projected",
             LIMITS,
-            "np.mean(screen.projected(x) ** 2)",
-            "np.mean(x**2)",
+            "rms(screen.projected(x))",
+            "rms(x)",
             "limits are computed as if the base could not imitate the effect",
         ),
         Change(
