@@ -207,7 +207,7 @@ class Search:
         for loose in {best.loose, False}:  # the bounds may call for a constant that the data do not
             trial.loose = loose
             now, rest = (trial.score(s, (best.strength,)) for s in (best.shape, shape))
-            if not rest.invertible or shows(rest, now) or pays(rest, now):
+            if not rest.invertible or shows(rest, now, TUNING.trace) or pays(rest, now):
                 return best
             without = rest if loose == best.loose else without
         return without

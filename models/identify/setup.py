@@ -42,9 +42,6 @@ from dehyst.models.signals.lone import (
     measure_peaks,
 )
 
-SETTLED = 0.3
-"""Least share of the rows that must be settled without a known start. After a known one the rows
-before a pause suffice, and TUNING.minor is enough."""
 TWO = 0.3
 """Least jump of a wild reading, as a share of its deviation: each of two in succession has a third,
 the peak of a mode that rings over ten rows a twentieth."""
@@ -295,7 +292,8 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
     known = [_memory_is_known(one, one.virgin and trust_start) for one in rows]
     picks, running = [use & k for use, k in zip(allowed, known, strict=True)], None
     settled, total = (sum(int(np.count_nonzero(m)) for m in ms) for ms in (picks, allowed))
-    least = TUNING.minor if virgin else SETTLED
+    # from a known start the rows before a pause suffice; without one, more must have settled
+    least = TUNING.minor if virgin else 0.3
     if settled < max(least * total, TUNING.fewest_rows):
         picks = allowed
         if not virgin:

@@ -109,11 +109,11 @@ def predicts_better(one: TriedStructure, other: TriedStructure) -> bool:
     return _is_sure(share) or (_is_sure(power) and float(np.median(share)) > 0.0)
 
 
-def shows(simple: TriedStructure, rich: TriedStructure) -> bool:
+def shows(simple: TriedStructure, rich: TriedStructure, least: float = TUNING.trace) -> bool:
     """Return whether the richer candidate, with few more unknowns, fits better by more than chance
-    over the pieces, and by more than a trace of the misfit."""
+    over the pieces. least: fraction of the misfit that it must remove."""
     gain = simple.fitted - rich.fitted
-    return bool(gain.sum() > TUNING.trace * simple.fitted.sum()) and _is_sure(gain)
+    return bool(gain.sum() > least * simple.fitted.sum()) and _is_sure(gain)
 
 
 def _is_sure(gain: Floats) -> bool:
@@ -127,7 +127,7 @@ def _is_sure(gain: Floats) -> bool:
 def _extends(simple: TriedStructure, rich: TriedStructure) -> bool:
     """Return whether the richer candidate has all powers of the other and its further ones show."""
     nested = set(simple.shape.powers) <= set(rich.shape.powers)
-    return nested and shows(simple, rich)
+    return nested and shows(simple, rich, TUNING.trace)
 
 
 def choose_structure(tried: Sequence[TriedStructure]) -> TriedStructure:
