@@ -2,8 +2,8 @@
 
 A lag changes every term of the model, so each trial makes its equations again, with few operators
 and few rows. A shift by a fraction of a sample is searched with narrow operators free, because
-these show it best; a longer lag with all of them bounded, because free operators would imitate its
-effect: a reading that continues after the drive has turned.
+these show it best; a longer lag or delay with all of them bounded, because free operators would
+imitate its effect: a reading that continues after the drive has turned.
 """
 
 from collections.abc import Callable, Sequence
@@ -54,15 +54,16 @@ class LagSearch:
         one sample shows neither side, and is the drive's.
         """
         without = {loose: self._misfit(None, loose) for loose in (True, False)}
-        delay = self._find_delay(without[True], without[True] * (1.0 - TUNING.trace))
+        shift = self._find_delay(True, without[True], without[True] * (1.0 - TUNING.trace))
         # the bounded fit must beat the one without a lag, and the held-out error of the free
         # operators by a third of the margin (TUNING.minor) that the final decision requires
         known = float(self.candidate.held.sum())
         near = 1.0 - TUNING.minor / 3.0
         enough = min(without[False] * (1.0 - TUNING.trace), near * known)
+        delay = self._find_delay(False, without[False], enough)
         drive, sensor = (self._find_lag(place, enough) for place in PLACES)
         second = self._find_second(sensor) if sensor is not None else None
-        of_drive = [self._score(lag) for lag in (delay, drive) if lag is not None]
+        of_drive = [self._score(lag) for lag in (shift, delay, drive) if lag is not None]
         longer = [lag for lag in (sensor, second) if lag is not None and lag.delay_s > self.period]
         of_sensor = [self._score(lag) for lag in longer]
         found = None
@@ -124,11 +125,15 @@ class LagSearch:
         one = Dynamics(LAG, "drive", (given.lag.delay_s,))
         before, behind = (self._refine(replace(one, place=at), choose) for at in PLACES)
         assert behind.lag is not None
+        late = self._refine(replace(one, kind=DELAY), choose)
         second = choose(self._find_second(behind.lag, behind))
-        of_drive, of_sensor = [before], [behind, second]
+        of_drive, of_sensor = [before, late], [behind, second]
         (of_drive if given.lag.place == "drive" else of_sensor).append(given)
         drive, sensor = (min(group, key=lambda c: c.held_rms) for group in (of_drive, of_sensor))
-        if predicts_better(sensor, drive):
+        assert sensor.lag is not None
+        richer = sensor.lag.kind == SECOND  # than a lag or a delay
+        better = pays(drive, sensor, clear=0.0) if richer else predicts_better(sensor, drive)
+        if better:
             return sensor, True
         # a delay is the same before and after the hysteresis
         decided = drive.lag is not None and drive.lag.sided
@@ -178,12 +183,12 @@ class LagSearch:
         trial = self._trial(lag, loose, False, about)
         return trial.misfit(c.shape, strength, self.noise, loose)
 
-    def _find_delay(self, without: float, enough: float) -> Dynamics | None:
+    def _find_delay(self, loose: bool, without: float, enough: float) -> Dynamics | None:
         def make(periods: float) -> Dynamics | None:
             return Dynamics(DELAY, "drive", (periods * self.period,)) if periods > 0.0 else None
 
         grid = self._grid(DELAYS)
-        best = _search(lambda x: self._misfit(make(x), True), grid, 6, enough, {0.0: without})
+        best = _search(lambda x: self._misfit(make(x), loose), grid, 6, enough, {0.0: without})
         return None if best is None else make(best)
 
     def _grid(self, periods: Sequence[float]) -> list[float]:

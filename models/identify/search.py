@@ -213,14 +213,15 @@ class Search:
         return without
 
     def _find_lags(self, tried: Sequence[TriedStructure]) -> list[TriedStructure]:
-        """Return candidates with linear dynamics if the drive has a rate; none for a structure that
-        predicts far worse than the best."""
+        """Return candidates with linear dynamics if the drive has a rate; none for a rate-dependent
+        structure that predicts far worse than the best. A static one may do so for want of a lag,
+        which weights that depend on the rate imitate where the drive has two rates."""
         out: list[TriedStructure] = []
         least = min(c.held_rms for c in tried)
         for best in self._bests(tried):
             if self.setup.rate_max <= 0.0:
                 continue
-            if best.held_rms > TUNING.far * least:
+            if best.shape.rate and best.held_rms > TUNING.far * least:
                 continue
             self.progress("looking for a lag")
             if best.shape.rate:

@@ -91,7 +91,7 @@ CHANGES = room(
         "no lag is ever found",
     ),
     Change(
-        "every-lag-is-the-drives", LAGS, "if predicts_better(sensor, drive):", "if False:",
+        "every-lag-is-the-drives", LAGS, "if better:", "if False:",
         "a slow sensor is mistaken for a slow drive and compensated",
     ),
     Change(
@@ -530,6 +530,30 @@ CHANGES += (
             "others = [c for c in result.tried if not has(c)]",
             "others = list(result.tried)",
             "the report says that a lag gains nothing",
+        ),
+    )
+    + room(
+        ("tests/models/identify/test_lag_kinds.py",),
+        Change(
+            "no-lag-beside-weights",
+            "models/identify/search.py",
+            "if best.shape.rate and best.held_rms > TUNING.far * least:",
+            "if best.held_rms > TUNING.far * least:",
+            "weights that depend on the rate are taken for a delay",
+        ),
+        Change(
+            "a-delay-is-a-mode",
+            "models/identify/lags.py",
+            "better = pays(drive, sensor, clear=0.0) if richer else",
+            "better =",
+            "a delay is reported as a resonance",
+        ),
+        Change(
+            "a-delay-is-a-lag",
+            "models/identify/lags.py",
+            "of_drive, of_sensor = [before, late], [behind, second]",
+            "of_drive, of_sensor = [before], [behind, second]",
+            "a delay is reported as a lag where the first fit takes it for one",
         ),
     )
     + room(
