@@ -85,10 +85,10 @@ def test_a_held_input_is_filtered_exactly(tau: float, damping: float, share: flo
     t, x = _signal()
     held, w = np.append(x[1:], x[-1]) - x[0], 2 * np.pi * 150.0
     want = signal.lsim(([1.0], [tau, 1.0]), held, t, interp=False)[1] + x[0]
-    assert np.allclose(KINDS["lag"].forward(x, t, tau=tau, held=1.0), want, atol=1e-9)
+    assert np.allclose(forward("lag", x, t, tau=tau, held=1.0), want, atol=1e-9)
     system = ([w * w], [1.0, 2 * damping * w, w * w])
     mode = signal.lsim(system, held, t, interp=False)[1] + x[0]
-    got = KINDS["resonance"].forward(x, t, frequency=150.0, damping=damping, share=share, held=1.0)
+    got = forward("resonance", x, t, frequency=150.0, damping=damping, share=share, held=1.0)
     assert np.allclose(got, (1 - share) * x + share * mode, atol=1e-7)
 
 
@@ -98,7 +98,7 @@ def test_a_held_ramp_lags_as_the_inverse_leads(tau: float) -> None:
     t = dt * np.arange(400)
     kind = KINDS["lag"]
     p, _ = kind.numbers({"tau": np.array([tau]), "held": np.array([1.0])}, dt)
-    behind = t - kind.forward(t, t, tau=tau, held=1.0)
+    behind = t - forward("lag", t, t, tau=tau, held=1.0)
     assert behind[-1] == pytest.approx(kind.inverse.lead(p)[0], abs=1e-9)
 
 
