@@ -28,7 +28,7 @@ SETTLES = 3  # times that the values and the time are fitted in turn
 
 def with_span(found: SearchState) -> SearchState:
     """Return a search's result in which one effect is there for part of the time, where that leaves
-    at most half of what the effects found leave; else unchanged."""
+    a small part of what the effects found leave; else unchanged."""
     problem, sigma = found.problem, found.sigma
     left = misfit_beyond_noise(problem, found.accepted, sigma)
     if left < (TUNING.strong * sigma) ** 2:
@@ -58,8 +58,8 @@ def with_span(found: SearchState) -> SearchState:
     state = replace(bare, accepted=best.fit, rounds=(tuple(judged),), picked=(best.candidate.key,))
     state = search_one_more(state, TUNING.shortlist)
     final = problem.refit(state.accepted.effects, rounds=8, settle=0.3 * sigma**2)
-    if misfit_beyond_noise(problem, final, sigma) > TUNING.half * left:
-        return found
+    if misfit_beyond_noise(problem, final, sigma) > TUNING.minor * left:
+        return found  # a part of any change in time looks like some effect that begins
     counted = int(light.data.rows.sum())
     return replace(state, problem=problem, null=found.null, accepted=final, counted=counted)
 

@@ -138,7 +138,7 @@ def test_hidden_effect_is_named_first_and_the_model_predicts(effect: str) -> Non
     assert 0.9 < sum(f.share for f in d.findings) <= 1.0
     if effect != "hum":  # phases differ between recordings and cannot be predicted
         # each fold leaves out a fifth of a recording, with levels that occur only there
-        assert d.rms["heldout_augmented"] < 1.25 * NOISE_UM < d.rms["heldout_model"]
+        assert d.rms["heldout_augmented"] < 1.5 * NOISE_UM < d.rms["heldout_model"]
     model = modelfile.loads(modelfile.dumps(d.model))  # the file's content is what was fitted
     for r, view in zip(given, d.views, strict=True):
         y = simulate(model, r.t_s, r.drive, r.channels)

@@ -70,11 +70,11 @@ def through_model(data: Data, *blocks: Block) -> np.ndarray:
         ("resonance", (80.0, 0.02, 0.7)),
     ],
 )
-@pytest.mark.parametrize("led", [False, True])
+@pytest.mark.parametrize("stepped", [False, True])
 def test_candidate_does_what_its_blocks_do(
-    data: Data, key: str, theta: tuple[float, ...], led: bool
+    data: Data, key: str, theta: tuple[float, ...], stepped: bool
 ) -> None:
-    data = replace(data, led=led)
+    data = replace(data, stepped=stepped)
     c = next(c for c in list_candidates(data) if c.key == key)
     if c.mode == "drive":
         x = c.drive(data, data.u, theta)
