@@ -19,9 +19,10 @@ from dehyst.models.errors import BadInput, DehystError
 RECORDINGS = (
     ".csv", ".csv.gz", ".txt", ".dat", ".tsv", ".lvm", ".asc", ".prn", ".npz", ".npy", ".mcap",
     ".mat", ".h5", ".hdf5", ".hdf", ".nc", ".xlsx", ".xlsm", ".tdms", ".parquet", ".feather",
-    ".json", ".jsonl", ".gz", ".bz2", ".xz", ".zip",
+    ".jsonl", ".gz", ".bz2", ".xz", ".zip",
 )  # fmt: skip
-"""All kinds that loading.SUFFIXES lists, which would import every reader."""
+"""All kinds that loading.SUFFIXES lists, which would import every reader; but .json: what dehyst
+learned, kept and reported is in such files, which are written again."""
 WITH_NOTES = (".csv", ".csv.gz")
 
 

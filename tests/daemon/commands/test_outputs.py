@@ -160,7 +160,7 @@ def test_a_recording_of_any_kind_is_kept(
     files: dict[str, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A file of every kind that is read as a recording, with its suffix in any case."""
-    assert set(RECORDINGS) == set(SUFFIXES)
+    assert {*RECORDINGS, ".json"} == set(SUFFIXES)  # .json is also what was learned and reported
     for suffix in (*RECORDINGS, ".TXT", ".Csv"):
         earlier = Path(f"earlier{suffix}")
         earlier.write_text("kept")
