@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Diagnose and write the three files; return 1 if the model lacks something."""
     results = [args.output / name for name in ("diagnosis.json", "model.toml", "report.html")]
-    check_outputs(results, [*args.recordings, args.model], force=True)
+    check_outputs(results, [*args.recordings, args.model], force=False)
     recordings = _read(args)
     model = load_model(args.model) if args.model else None
     if model is not None:

@@ -12,7 +12,7 @@ FORMAT = 2
 DIGITS = 6
 
 Progress = Callable[[str, float], None]
-"""Told what is done next, in words, and the share that is done."""
+"""Called with what is done next, in words, and the share that is done."""
 
 
 @dataclass(frozen=True)

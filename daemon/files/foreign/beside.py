@@ -7,7 +7,7 @@ from dehyst.daemon.files.foreign.found import Column
 from dehyst.daemon.files.foreign.headings import apart
 from dehyst.daemon.files.foreign.roles import role_of
 from dehyst.daemon.files.foreign.stated_step import SAME_STEP, stated_step
-from dehyst.daemon.files.foreign.units import NO_UNIT, find_unit_key, split_heading
+from dehyst.daemon.files.foreign.units import find_unit_key, split_heading, states_no_unit
 
 UNIT_FIELDS = ("unit", "units", "unit_string")
 LABEL_FIELDS = ("label", "name", "title", "long_name")
@@ -34,17 +34,16 @@ def names_beside(
     none, or several that differ and none of which belongs to the array by its own name. stem: the
     array's name."""
     fitting = {key: list(texts) for key, texts in lists.items() if len(texts) == width > 1}
-    units = {key: texts for key, texts in fitting.items() if _are_units(texts)}
+    units = {key: texts for key, texts in fitting.items() if _lists_units(texts)}
     names = {key: texts for key, texts in fitting.items() if key not in units}
     names = {k: v for k, v in names.items() if _LISTS_NAMES.match(k) and len(set(v)) == width}
     return _one_of(stem, names), _one_of(stem, units)
 
 
-def _are_units(texts: Sequence[str]) -> bool:
-    known = [bool(find_unit_key(text)) for text in texts]
-    return any(known) and all(
-        known or text.strip().lower() in NO_UNIT for known, text in zip(known, texts, strict=True)
-    )
+def _lists_units(texts: Sequence[str]) -> bool:
+    """Return whether each text is a unit or says that there is none."""
+    stated = [text for text in texts if not states_no_unit(text)]
+    return bool(stated) and all(map(find_unit_key, stated))
 
 
 def _one_of(stem: str, lists: Mapping[str, Sequence[str]]) -> Sequence[str]:
@@ -66,7 +65,7 @@ def name_columns(columns: Sequence[Column], names: Sequence[str], units: Sequenc
         array = column.heading.rpartition(".")[0]
         column.heading = f"{array}/{name}" if array and name else name or column.heading
     for column, unit in zip(columns, units, strict=False):
-        column.unit = column.unit or ("" if unit.strip().lower() in NO_UNIT else unit)
+        column.unit = column.unit or ("" if states_no_unit(unit) else unit)
 
 
 def unit_beside(heading: str, notes: Mapping[str, str]) -> str:

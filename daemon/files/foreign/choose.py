@@ -187,10 +187,9 @@ def _roles(
             if daq_side(heading, units[i]) == "in" and not names_drive(heading):
                 roles[i] = roles[i] if roles[i][0] == "y" else ("y", BY_UNIT)
     times = [i for i in free if roles[i][0] == "t" and not columns[i].clock]
-    if any(
-        never_falls(columns[i].values) for i in times
-    ):  # "s" of "t, U, s" is no time if it falls
-        roles |= {i: ("", 0) for i in times if not never_falls(columns[i].values)}
+    falling = [i for i in times if not never_falls(columns[i].values)]
+    if len(falling) < len(times):  # "s" of "t, U, s" is no time if it falls
+        roles |= dict.fromkeys(falling, ("", 0))
     roles |= _roles_of_axes(columns, units)
     roles |= dict.fromkeys(_velocities(columns, free), ("", 0))
     kinds = {i: kind_of(columns[i].heading, units[i]) for i in free}

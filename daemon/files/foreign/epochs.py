@@ -1,6 +1,5 @@
-"""Times counted in nanoseconds or microseconds since 1970, which are too long for a float, and
-clocks and counters that start again, and how
-times are told from other columns."""
+"""Find columns of times, and continue clocks and counters that start again. Times counted in
+nanoseconds or microseconds since 1970, which are too long for a float, count from the first."""
 
 import re
 from collections.abc import Sequence
@@ -17,8 +16,6 @@ _THIS_CENTURY = {"ns": (10**18, 41 * 10**17), "us": (10**15, 41 * 10**14)}
 SHARE_RISING = 0.9
 EVEN = 0.5
 """Largest spread of the steps of evenly rising values, in mean steps: clocks are rounded."""
-
-
 TURNS_S = (3600.0, 43200.0, 86400.0)
 """Times at which a clock without a date starts again [s]: Excel's minutes, and those of a day."""
 TURNS = (2.0**16, 2.0**32)
@@ -78,7 +75,7 @@ def counts_up(values: Any) -> bool:
 
 
 def apart_as_times(times: Sequence[Any]) -> str:
-    """Return what to heed where a file holds several columns of times (N,), "" where they are of
+    """Return a condition for choosing one of several columns of times (N,), "" where they are of
     one clock: drive and displacement of different times do not belong together row by row."""
     begins = [np.asarray(values, dtype=np.float64) - float(values[0]) for values in times]
     near = SAME_STEP * float(np.median(np.abs(np.diff(begins[0]))))

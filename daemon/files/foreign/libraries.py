@@ -83,8 +83,9 @@ def read_hdf5(path: Path) -> Sheet:
         if "MATLAB_object_decode" in item.attrs and kind not in ("", "function_handle"):
             objects[name] = kind
             return
-        notes.update(_remarks(name + "./"[isinstance(item, h5py.Group)], item.attrs))
-        if not isinstance(item, h5py.Dataset):
+        whole = not isinstance(item, h5py.Dataset)  # a group
+        notes.update(_remarks(f"{name}{'/' if whole else '.'}", item.attrs))
+        if whole:
             if deep:
                 item.visititems(lambda inner, one: take(f"{name}/{text_of(inner)}", one, deep))
             return

@@ -13,6 +13,17 @@ from dehyst.models.errors import BadRecording
 
 PACKED = (".gz", ".bz2", ".xz", ".zip")
 BLOCK_BYTES = 1 << 20
+UNREADABLE = (
+    OSError,
+    EOFError,
+    ValueError,
+    RuntimeError,
+    zlib.error,
+    lzma.LZMAError,
+    zipfile.BadZipFile,
+)
+"""What these libraries raise for damaged, encrypted or unsupported files; `RuntimeError` is also a
+compression that this Python does not know."""
 
 
 def unpack(path: Path, folder: Path) -> Path:
@@ -29,8 +40,7 @@ def unpack(path: Path, folder: Path) -> Path:
         openers: dict[str, Any] = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
         with openers[path.suffix.lower()](path, "rb") as file:
             return _copy(path, file, folder / path.stem)
-    except (OSError, EOFError, ValueError, RuntimeError, NotImplementedError, zlib.error,
-            lzma.LZMAError, zipfile.BadZipFile) as error:  # fmt: skip
+    except UNREADABLE as error:
         why = " ".join(str(error).split())[:200] or type(error).__name__
         raise BadRecording(f"{path}: cannot be unpacked: {why}") from None
 
@@ -43,9 +53,8 @@ def _only_member(name: str, archive: zipfile.ZipFile) -> str:
         if not one.is_dir() and not one.filename.startswith("__MACOSX/")
     ]
     if len(files) != 1:
-        some = ", ".join(PurePosixPath(file).name for file in files[:3]) + ", ..." * (
-            len(files) > 3
-        )
+        shown = [PurePosixPath(file).name for file in files[:3]]
+        some = ", ".join([*shown, "..."] if len(files) > len(shown) else shown)
         raise BadRecording(
             f"{name}: holds {len(files)} files{f' ({some})' if files else ''}: unpack it, and name "
             "the recordings in it"
@@ -58,7 +67,7 @@ def kind_of_zip(path: Path) -> str:
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
-    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+    except UNREADABLE:
         return ".zip"
     if "mimetype" in names:  # a document of LibreOffice
         return ""

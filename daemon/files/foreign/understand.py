@@ -25,7 +25,6 @@ from dehyst.daemon.files.foreign.stated_step import SURELY_SECONDS
 from dehyst.daemon.files.foreign.units import (
     DRIVE_UNITS,
     LENGTH,
-    NO_UNIT,
     TIME,
     UNITS,
     VOLTAGE,
@@ -34,6 +33,7 @@ from dehyst.daemon.files.foreign.units import (
     read_heading,
     split_heading,
     states_factor,
+    states_no_unit,
 )
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Floats
@@ -121,7 +121,7 @@ def _unit(column: Column) -> str:
 
 def _stated(column: Column) -> str:
     """Return what the file gives as the unit if it is not a known one, "" otherwise."""
-    if column.unit.strip().lower() not in NO_UNIT:
+    if not states_no_unit(column.unit):
         return "" if find_unit_key(column.unit) else column.unit.strip()
     return read_heading(column.heading).stated
 

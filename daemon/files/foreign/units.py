@@ -49,7 +49,7 @@ UNITS: dict[str, tuple[str, str, float]] = {
 TIME_UNITS = ("s", "ms", "us", "ns", "min", "h")
 DRIVE_UNITS = ("v", "mv", "kv", "um", "nm", "pm", "mm", "m", "counts", "mrad", "urad")
 DISPLACEMENT_UNITS = (*DRIVE_UNITS, "angstrom", "rad", "deg")
-NO_UNIT = {"", "-", "--", "none", "n/a", "na"}
+_NO_UNIT = {"", "-", "--", "none", "n/a", "na"}
 SPELLED = {
     **dict.fromkeys(("sec", "secs", "second", "seconds", "sekunde", "sekunden", "sek"), "s"),
     **dict.fromkeys(("msec", "millisecond", "milliseconds", "millisekunden"), "ms"),
@@ -85,6 +85,11 @@ SPELLED = {
 CASE_DECIDES = {"ms", "ns", "mv", "mm", "nm", "pm", "mrad", "ma"}
 """Units that mean something else with a capital first letter: MV, Mm, Nm. A heading in capitals
 throughout has them all the same, except for MV: megavolts are written so, too."""
+
+
+def states_no_unit(text: str) -> bool:
+    """Return whether a text in the place of a unit is empty, or says that there is none."""
+    return text.strip().lower() in _NO_UNIT
 
 
 def find_unit_key(text: str) -> str:

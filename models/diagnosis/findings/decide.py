@@ -58,14 +58,11 @@ def report_effects(problem: Problem, found: SearchState, held: float) -> list[Fi
         x, r = contribution(problem, final, effect)
         steady = constancy(problem, sigma, x, r)
         near = rivals(found, effect)
-        span = effect.span
-        changed = (
-            growth(data, sigma, x, r)
-            if span is None
-            else Growth(
-                data.names[span.recording], span.at_s, float(not span.begins), float(span.begins)
-            )
-        )
+        if (span := effect.span) is None:
+            changed = growth(data, sigma, x, r)
+        else:
+            sizes = (0.0, 1.0) if span.begins else (1.0, 0.0)
+            changed = Growth(data.names[span.recording], span.at_s, *sizes)
         c = effect.candidate
         others = _other_names(c, near, rest)
         plain = {k: (v.value, v.unit) for k, v in values[i].items()}

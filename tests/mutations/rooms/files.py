@@ -739,7 +739,7 @@ CHANGES += room(
     ),
     Change(
         "remarks-of-attributes-lost", LIBRARIES,
-        'notes.update(_remarks(name + "./"[isinstance(item, h5py.Group)], item.attrs))', "pass",
+        "notes.update(_remarks(f\"{name}{'/' if whole else '.'}\", item.attrs))", "pass",
         "a drive is read as volts, although its own comment says mV",
     ),
     Change(
@@ -902,7 +902,7 @@ CHANGES += room(
     ),
     Change(
         "falling-time", CHOOSE,
-        "roles |= {i: (\"\", 0) for i in times if not never_falls(columns[i].values)}", "pass",
+        'roles |= dict.fromkeys(falling, ("", 0))', "pass",
         "the displacement s cannot be named, as it is taken for seconds",
     ),
     Change(
