@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from dehyst.models.arrays import Bools, Floats
 from dehyst.models.diagnosis.effects import Effect, Theta, in_cascade_order
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.physics.candidate import Candidate, Context, Probe
-from dehyst.models.signals.joined import Floats
 
 
 class Screen:
@@ -58,10 +58,42 @@ class Screen:
     def projected(self, x: Floats) -> Floats:
         """Return x (N, k) on the counted rows, projected off the fit's columns and parameter
         derivatives."""
-        x = x[self.rows]
+        return self.projected_rows(x[self.rows])
+
+    def projected_rows(self, x: Floats) -> Floats:
+        """Return the same of x on the counted rows."""
         moment = (self._design.T @ x) / self._scale[:, None]
         x = x - self._design @ (cho_solve(self._factor, moment) / self._scale[:, None])
         return x - self._tangent @ (self._tangent.T @ x)
+
+    def gains_in(self, x: Floats, inside: Bools) -> tuple[Floats, Floats]:
+        """Return the estimated falls (n,) of the sum of squares by columns x (N, k) in each of n
+        parts of the samples, inside (N, n), and the factor (n,) of the first column. Sums over what
+        the parts have in common are computed once."""
+        x = x[self.rows]
+        packed = np.packbits(inside[self.rows], axis=1)
+        _, first, label = np.unique(packed, axis=0, return_index=True, return_inverse=True)
+        pattern = inside[self.rows[first]].astype(float)  # (pieces, n)
+        pieces = [np.flatnonzero(label.ravel() == k) for k in range(first.size)]
+        twice = self.projected_rows(self.r[:, None])[:, 0]
+
+        def sums(left: Floats) -> Floats:
+            """Return left.T @ x (n, m, k), summed over the rows of each part."""
+            each = np.stack([left[at].T @ x[at] for at in pieces])
+            return np.einsum("pn,pmk->nmk", pattern, each)
+
+        moments = sums(self._design) / self._scale[:, None]
+        n, m, k = moments.shape
+        solved = cho_solve(self._factor, moments.transpose(1, 0, 2).reshape(m, n * k))
+        tangent, whole = sums(self._tangent), sums(x)
+        left = whole - moments.transpose(0, 2, 1) @ solved.reshape(m, n, k).transpose(1, 0, 2)
+        left -= tangent.transpose(0, 2, 1) @ tangent
+        along = sums(twice[:, None])[:, 0]
+        values, vectors = np.linalg.eigh(left)
+        least = 1e-9 * np.trace(whole, axis1=1, axis2=2)  # below, only rounding is left
+        along = np.einsum("nik,ni->nk", vectors, along)
+        parts = np.where(values > least[:, None], along / np.maximum(values, 1e-300), 0.0)
+        return np.sum(parts * along, axis=1), np.einsum("nk,nk->n", vectors[:, 0], parts)
 
     def contribution(self, effect: Effect) -> Floats:
         """Return (N, k) columns of an additive effect, or the (N, 1) first-order change by another

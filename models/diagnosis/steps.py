@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from dehyst.models.cascade.history import replay_recording
 from dehyst.models.diagnosis.augment import state_fit, with_rows_early
@@ -34,6 +35,7 @@ from dehyst.models.signals.error_size import finite_rms
 from dehyst.models.signals.joined import Bools, Data, Floats
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # its threads wait for each other at this size
 def diagnose(
     recordings: Sequence[Recording],
     model: Model | None = None,

@@ -25,30 +25,38 @@ def rows_behind(lag: Dynamics, rows: Rows) -> Rows:
     if lag.place != "drive":
         return rows
     known = ~np.isnan(rows.u)
-    kind = KINDS[lag.kind]
-    u = np.full(rows.u.size, np.nan)
-    u[known] = kind.run(kind.values(lag.block), rows.u[known], rows.t_s[known])
+    u = rows.u.copy()
+    for block in lag.blocks:
+        kind = KINDS[block.kind]
+        u[known] = kind.run(kind.values(block), u[known], rows.t_s[known])
     rate, _ = compute_rates(rows.t_s, u, rows.period_s)
     return replace(rows, u=u, rate=rate)
 
 
 class Filter:
     """Apply a sensor's lag to many columns at once, lot after lot; exact for columns that change
-    linearly between the rows."""
+    linearly between the rows, or that are held."""
 
     def __init__(self, lag: Dynamics, width: int) -> None:
-        self._theta = np.array(lag.theta)
+        self._theta, self._held, self._late = np.array(lag.theta), lag.held, lag.late_s > 0.0
         self._state = np.zeros((3, width))  # output, its speed, input before
         self._last = np.full(1, np.nan)  # time before
 
     def run(self, x: Floats, t_s: Floats, fresh: Bools) -> None:
         """Filter x (n, width) in place. fresh: (n,) rows at which the filter restarts settled."""
-        _filter_columns(x, t_s, fresh, self._theta, self._state, self._last)
+        _filter_columns(x, t_s, fresh, self._theta, self._held, self._late, self._state, self._last)
 
 
 @njit(cache=True, nogil=True)
 def _filter_columns(
-    x: Floats, t_s: Floats, fresh: Bools, theta: Floats, state: Floats, last: Floats
+    x: Floats,
+    t_s: Floats,
+    fresh: Bools,
+    theta: Floats,
+    held: bool,
+    late: bool,
+    state: Floats,
+    last: Floats,
 ) -> None:
     y, speed, before = state[0], state[1], state[2]
     step, trail, fall, decay = -1.0, 0.0, 0.0, (1.0, 0.0, 0.0, 1.0)
@@ -70,12 +78,15 @@ def _filter_columns(
                 trail = 2.0 * z / w
                 decay = free_decay(w, z, dt)
         for i in range(x.shape[1]):
-            ramp = (x[t, i] - before[i]) / dt
+            now = before[i] if late else x[t, i]
+            if held:
+                before[i] = now
+            ramp = (now - before[i]) / dt
             if theta.size == 1:
-                y[i] = lag_step(y[i], before[i], x[t, i], trail * ramp, fall)
+                y[i] = lag_step(y[i], before[i], now, trail * ramp, fall)
             else:
                 y[i], speed[i] = second_order_step(
-                    y[i], speed[i], before[i], x[t, i], ramp, trail * ramp, decay
+                    y[i], speed[i], before[i], now, ramp, trail * ramp, decay
                 )
             before[i] = x[t, i]
             x[t, i] = y[i]

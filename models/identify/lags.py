@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from dehyst.models.identify.data.rows import Rows
+from dehyst.models.identify.dynamics import SAME
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Trial, TriedStructure, pays, predicts_better, shows
 from dehyst.models.identify.thresholds import regrid, space_thresholds
@@ -42,16 +43,20 @@ class LagSearch:
         self.noise = float(candidate.fitted.sum() / candidate.sizes.sum())
         longest = TUNING.half * setup.span / max(map(_find_mean_rate, setup.rows))
         self.longest = min(longest, TUNING.longest_lag_s)
-        self.period = float(np.median([one.period_s for one in setup.rows]))
+        periods = [one.period_s for one in setup.rows]
+        self.period = float(np.median(periods))
+        # what is held from a sample on is a period late, which must be one for all recordings
+        alike = np.ptp(periods) <= SAME * self.period
+        self.steps_late_s = (0.0, self.period) if alike else (0.0,)
 
-    def find(self) -> TriedStructure | None:
-        """Return the candidate with the dynamics that the recording needs; None: it needs none.
+    def find(self) -> list[TriedStructure]:
+        """Return the candidate with each of the dynamics that the recording may need: the best of
+        the drive, and a lag of the sensor of first and of second order; empty where none helps.
 
         A shift by a fraction of a sample needs a gain in the fit alone; a longer lag must predict
         held-out stretches clearly better, because a lag also gains a little where the hysteresis is
-        of another class than the model's. The lag is assigned to the drive, where the inverse
-        compensates it, unless a lag of the sensor predicts better by more than chance. A lag within
-        one sample shows neither side, and is the drive's.
+        of another class than the model's. Which side it is on may not show yet, since the structure
+        was chosen without a lag. A lag within one sample shows neither side, and is the drive's.
         """
         without = {loose: self._misfit(None, loose) for loose in (True, False)}
         shift = self._find_delay(True, without[True], without[True] * (1.0 - TUNING.trace))
@@ -65,14 +70,10 @@ class LagSearch:
         second = self._find_second(sensor) if sensor is not None else None
         of_drive = [self._score(lag) for lag in (shift, delay, drive) if lag is not None]
         longer = [lag for lag in (sensor, second) if lag is not None and lag.delay_s > self.period]
+        good = [c for c in of_drive if c.lag is not None and self._helps(c, c.lag)]
+        best = [min(good, key=lambda c: c.held_rms)] if good else []
         of_sensor = [self._score(lag) for lag in longer]
-        found = None
-        for group in (of_drive, of_sensor):
-            good = [c for c in group if c.lag is not None and self._helps(c, c.lag)]
-            best = min(good, key=lambda c: c.held_rms, default=None)
-            if found is None or (best is not None and pays(found, best, clear=0.0)):
-                found = best
-        return found
+        return [*best, *(c for c in of_sensor if c.lag is not None and self._helps(c, c.lag))]
 
     def _helps(self, scored: TriedStructure, lag: Dynamics) -> bool:
         if not lag.delay_s > TUNING.far * self._measure_jitter(scored):
@@ -113,7 +114,7 @@ class LagSearch:
         self, choose: Callable[[Dynamics], TriedStructure]
     ) -> tuple[TriedStructure, bool]:
         """Return the candidate with its lag on the side that predicts better, each side with its
-        own structure and time constant; and whether it is better by more than chance.
+        own structure, input and time constant; and whether it is better by more than chance.
 
         The lag is assigned to the drive if both sides predict equally. choose: returns the
         structure for given dynamics.
@@ -123,7 +124,7 @@ class LagSearch:
         if given.lag.delay_s <= self.period:
             return given, False
         one = Dynamics(LAG, "drive", (given.lag.delay_s,))
-        before, behind = (self._refine(replace(one, place=at), choose) for at in PLACES)
+        before, behind = (self._choose_input(replace(one, place=at), choose) for at in PLACES)
         assert behind.lag is not None
         late = self._refine(replace(one, kind=DELAY), choose)
         second = choose(self._find_second(behind.lag, behind))
@@ -138,6 +139,17 @@ class LagSearch:
         # a delay is the same before and after the hysteresis
         decided = drive.lag is not None and drive.lag.sided
         return drive, decided and predicts_better(drive, sensor)
+
+    def _choose_input(
+        self, lag: Dynamics, choose: Callable[[Dynamics], TriedStructure]
+    ) -> TriedStructure:
+        """Return the best candidate with a lag of this kind and side, whose input moves in lines,
+        or in steps if that predicts better by more than chance: steps held since the sample before,
+        or from each sample on."""
+        lines = self._refine(lag, choose)
+        steps = [self._refine(replace(lag, held=True, late_s=s), choose) for s in self.steps_late_s]
+        better = [c for c in steps if predicts_better(c, lines)]
+        return min([lines, *better], key=lambda c: c.held_rms)
 
     def _refine(
         self, lag: Dynamics, choose: Callable[[Dynamics], TriedStructure]
@@ -154,10 +166,12 @@ class LagSearch:
                 return self._misfit(replace(like, theta=(tau,)), False, about)
 
             tau = _search(cost, near, 3)
-            if tau is None or abs(tau / before - 1.0) < TUNING.crumb:
+            if tau is None:
                 break
             lag = replace(lag, theta=(tau,))
             found = choose(lag)
+            if abs(tau / before - 1.0) < TUNING.crumb:
+                break
         return found
 
     def _trial(
@@ -205,7 +219,8 @@ class LagSearch:
 
     def _find_second(self, first: Dynamics, about: TriedStructure | None = None) -> Dynamics:
         def make(log_f: float, damping: float) -> Dynamics:
-            return Dynamics(SECOND, "sensor", (float(np.exp(log_f)), float(damping)))
+            theta = (float(np.exp(log_f)), float(damping))
+            return replace(first, kind=SECOND, place="sensor", theta=theta)
 
         log_f, damping = float(np.log(0.7 / (np.pi * first.theta[0]))), 0.7
         near, damped = np.log((0.6, 1.0, 1.7)), (TUNING.half, 0.8, 1.3)

@@ -226,12 +226,11 @@ class Search:
             self.progress("looking for a lag")
             if best.shape.rate:
                 out += self._try_derivative(best)
-            found = LagSearch(self.setup, self.picks, self.r, best).find()
-            if found is None or found.lag is None:
-                continue
             same = [s for s in self.wanted if s.rate == best.shape.rate]
-            for loose in (True,) if found.lag.short else (False, True):
-                out += self._try(same, best.offset, found.lag, loose)
+            for found in LagSearch(self.setup, self.picks, self.r, best).find():
+                short = found.lag is not None and found.lag.short
+                for loose in (True,) if short else (False, True):
+                    out += self._try(same, best.offset, found.lag, loose)
         return out
 
     def _try_derivative(self, best: TriedStructure) -> list[TriedStructure]:

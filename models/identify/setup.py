@@ -202,7 +202,7 @@ class FitSetup:
         return Model(
             self.hysteresis(r, shape, params, offset),
             Validity(self.drive_min, self.drive_max),
-            blocks=(lag.block,) if lag is not None else (),
+            blocks=lag.blocks if lag is not None else (),
         )
 
     def residuals(

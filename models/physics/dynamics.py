@@ -1,4 +1,4 @@
-"""One linear dynamic element identified together with a hysteresis: its block and its wording.
+"""One linear dynamic element identified together with a hysteresis: its blocks and its wording.
 
     drive    v = u + tau du/dt (lead), v(t) = u(t - tau) (delay), tau dv/dt + v = u (lag)
     sensor   a lag of first order, or a well-damped one of second order, on the displacement
@@ -20,21 +20,27 @@ LEAD, DELAY, LAG, SECOND = "lead", "delay", "lag", "second"
 @dataclass(frozen=True)
 class Dynamics:
     """kind: LEAD, DELAY, LAG or SECOND; place: "drive" or "sensor"; theta: (tau,) in seconds, or
-    (frequency in Hz, damping)."""
+    (frequency in Hz, damping); held: the input of a lag is held (`kind.HELD`), not a line; late_s:
+    delay of this input [s], a sampling period if it is held from a sample on, or 0 if it is held
+    since the sample before."""
 
     kind: str
     place: str
     theta: tuple[float, ...]
+    held: bool = False
+    late_s: float = 0.0
 
     @property
-    def block(self) -> Block:
-        """The block for the model file."""
+    def blocks(self) -> tuple[Block, ...]:
+        """The blocks for the model file."""
+        late = (Block(DELAY, self.place, {"delay_s": self.late_s}),) if self.late_s else ()
+        held = {"held": 1.0} if self.held else {}
         if self.kind == SECOND:
             frequency, damping = self.theta
             numbers = {"frequency_hz": frequency, "damping": damping, "share": 1.0}
-            return Block("resonance", self.place, dict(numbers))
+            return (*late, Block("resonance", self.place, {**numbers, **held}))
         key = "delay_s" if self.kind == DELAY else "tau_s"
-        return Block(self.kind, self.place, {key: self.theta[0]})
+        return (*late, Block(self.kind, self.place, {key: self.theta[0], **held}))
 
     @property
     def name(self) -> str:
@@ -61,8 +67,8 @@ class Dynamics:
     def delay_s(self) -> float:
         """Delay of a slow move [s]; negative for a lead."""
         if self.kind == SECOND:
-            return self.theta[1] / (math.pi * self.theta[0])
-        return -self.theta[0] if self.kind == LEAD else self.theta[0]
+            return self.late_s + self.theta[1] / (math.pi * self.theta[0])
+        return -self.theta[0] if self.kind == LEAD else self.late_s + self.theta[0]
 
     @property
     def short(self) -> bool:

@@ -37,11 +37,15 @@ def with_span(found: SearchState) -> SearchState:
     null = light.solve([])
     screen = Screen(light, null)
     ranked = sorted(_best_spans(screen), key=lambda one: -one[0])[: TUNING.shortlist]
+    most = max((gain for gain, *_ in ranked), default=0.0)
+    if most < TUNING.quarter * float(screen.r @ screen.r):
+        return found
     bare = replace(found, problem=light, null=null, accepted=null, rounds=(), picked=())
     # next to a base, a column that begins is the same as its negative until then
     both = [
         (c, theta, one)
-        for _, c, theta, span in ranked
+        for gain, c, theta, span in ranked
+        if gain > TUNING.half * most
         for one in ((span, span.rest) if c.mode == "columns" else (span,))
     ]
     trials = [_settle(bare, *one) for one in both]
@@ -57,6 +61,8 @@ def with_span(found: SearchState) -> SearchState:
         return found
     state = replace(bare, accepted=best.fit, rounds=(tuple(judged),), picked=(best.candidate.key,))
     state = search_one_more(state, TUNING.shortlist)
+    if misfit_beyond_noise(light, state.accepted, sigma) > TUNING.quarter * left:
+        return found
     final = problem.refit(state.accepted.effects, rounds=8, settle=0.3 * sigma**2)
     if misfit_beyond_noise(problem, final, sigma) > TUNING.minor * left:
         return found  # a part of any change in time looks like some effect that begins
@@ -96,20 +102,12 @@ def _gains(
     if x.shape[1] == 0 or not np.any(x):
         return []
     inside = np.stack([span.rows(data) for span in spans], axis=1)
-    out = np.zeros((2, len(spans)))
+    gains, amounts = screen.gains_in(x, inside)
     if effect.candidate.mode != "columns":
-        p = screen.projected(x * inside)
-        power, along = np.sum(p * p, axis=0), p.T @ screen.r
-        out[1] = along / np.maximum(power, 1e-30)
-        out[0] = np.where(along > 0, along * out[1], 0.0)
-    else:
-        for k in range(len(spans)):
-            p = screen.projected(x * inside[:, k : k + 1])
-            g = p.T @ screen.r
-            out[0, k] = float(g @ np.linalg.pinv(p.T @ p, rcond=1e-10, hermitian=True) @ g)
+        gains = np.where(amounts > 0.0, gains, 0.0)
     return [
         (float(gain), float(amount), effect.theta, span)
-        for gain, amount, span in zip(out[0], out[1], spans, strict=True)
+        for gain, amount, span in zip(gains, amounts, spans, strict=True)
     ]
 
 

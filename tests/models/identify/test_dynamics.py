@@ -50,7 +50,7 @@ def test_columns_are_filtered_as_the_equation_says(lag: Dynamics, below: tuple) 
 )
 def test_a_lag_is_found(place: str, tau_s: float) -> None:
     u = drive()
-    block = Dynamics("lag", place, (tau_s,)).block
+    block = Dynamics("lag", place, (tau_s,)).blocks[0]
     stage = Model(LOOPS, Validity(0, 8), blocks=(block,))
     noise = 0.004 * np.random.default_rng(3).standard_normal(u.size)
     found = identify([Recording(np.arange(u.size) * T, u, simulate(stage, T, u) + noise)])

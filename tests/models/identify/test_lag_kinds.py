@@ -23,18 +23,29 @@ DRIVES = {
 OTHER = 50.0 - 30.0 * np.cos(2 * np.pi * 1.3 * T) - 20.0 * np.cos(2 * np.pi * 2.9 * T)
 
 
+TAU_S = 0.005
+
+
 def delayed(y: Floats) -> Floats:
     """Return it three samples late."""
     return np.r_[np.full(3, y[0]), y[:-3]]
 
 
-def lagged(y: Floats) -> Floats:
-    """Return the response of a first-order lag of 5 ms to it, held between the samples."""
-    num, den, _ = signal.cont2discrete(([1.0], [0.005, 1.0]), 1.0 / RATE_HZ)
+def lagged(y: Floats, moves: str = "held from each sample on") -> Floats:
+    """Return the response of a first-order lag to it, which moves in this way between samples."""
+    method = "foh" if moves == "in lines" else "zoh"
+    num, den, _ = signal.cont2discrete(([1.0], [TAU_S, 1.0]), 1.0 / RATE_HZ, method)
+    if moves == "held since the sample before":
+        num = np.roll(num, -1)
     return np.asarray(signal.lfilter(num.ravel(), den, y - y[0]) + y[0])
 
 
-EFFECTS = {"delay": (delayed, "delay_s", 0.003), "lag": (lagged, "tau_s", 0.005)}
+EFFECTS = {"delay": (delayed, "delay_s", 0.003), "lag": (lagged, "tau_s", TAU_S)}
+INPUTS = {  # how it moves between samples: (input is held, delay of a period)
+    "in lines": (0.0, False),
+    "held since the sample before": (1.0, False),
+    "held from each sample on": (1.0, True),
+}
 
 
 def record(u: Floats, effect: str, seed: int) -> Recording:
@@ -56,8 +67,31 @@ def record(u: Floats, effect: str, seed: int) -> Recording:
 def test_one_drive_shows_what_it_is_and_predicts_another(effect: str, drive: str) -> None:
     _, parameter, true_s = EFFECTS[effect]
     found = identify([record(DRIVES[drive], effect, 2)])
-    (block,) = found.model.blocks
+    *before, block = found.model.blocks
     assert block.kind == effect
-    held_s = 0.25 / RATE_HZ if effect == "lag" else 0.0  # up to half a sample later
-    assert block.params[parameter] == pytest.approx(true_s + held_s, abs=0.45 / RATE_HZ)
+    assert [one.params for one in before] == [{"delay_s": 1.0 / RATE_HZ}] * (effect == "lag")
+    assert block.params[parameter] == pytest.approx(true_s, abs=0.2 / RATE_HZ)
     assert validate(found.model, record(OTHER, effect, 3)).rms < 3.0 * NOISE_UM
+
+
+@pytest.mark.parametrize("moves", INPUTS)
+@pytest.mark.parametrize("place", ["drive", "sensor"])
+@pytest.mark.parametrize("drive", ["staircase", "raster"])
+def test_how_the_input_of_a_lag_moves_between_samples_is_found(
+    drive: str, place: str, moves: str
+) -> None:
+    """If the input is held and the model's moves in straight lines, the lag is half a sample off,
+    which another drive shows."""
+
+    def make(u: Floats, seed: int) -> Recording:
+        y = plays(lagged(u, moves), R, W) if place == "drive" else lagged(plays(u, R, W), moves)
+        noise = NOISE_UM * np.random.default_rng(seed).standard_normal(u.size)
+        return Recording(T[: u.size], u, y + noise, name="recording.csv")
+
+    model = identify([make(DRIVES[drive], 2)]).model
+    *before, lag = model.blocks
+    held, late = INPUTS[moves]
+    assert (lag.kind, lag.place, lag.params.get("held", 0.0)) == ("lag", place, held)
+    assert lag.params["tau_s"] == pytest.approx(TAU_S, rel=0.02)
+    assert [block.params["delay_s"] for block in before] == [1.0 / RATE_HZ] * late
+    assert validate(model, make(OTHER, 3)).rms < 1.25 * NOISE_UM

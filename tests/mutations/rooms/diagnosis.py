@@ -14,6 +14,23 @@ RATE, MODE = "models/physics/rate.py", "models/physics/resonance.py"
 
 CHANGES = [
     *room(
+        ("tests/models/diagnosis/test_screen.py",),
+        Change(
+            "gain-in-a-part-with-the-base-held",
+            "models/diagnosis/screen.py",
+            "whole - moments.transpose(0, 2, 1) @ solved.reshape(m, n, k).transpose(1, 0, 2)",
+            "whole",
+            "an effect that begins is ranked by what the base could take as well",
+        ),
+        Change(
+            "gain-in-a-part-beside-fixed-effects",
+            "models/diagnosis/screen.py",
+            "        left -= tangent.transpose(0, 2, 1) @ tangent\n",
+            "",
+            "an effect that begins is ranked by what another effect could take as well",
+        ),
+    ),
+    *room(
         ("tests/models/diagnosis/test_intervals.py",),
         Change(
             "width-0.6",

@@ -555,6 +555,34 @@ CHANGES += (
             "of_drive, of_sensor = [before], [behind, second]",
             "a delay is reported as a lag where the first fit takes it for one",
         ),
+        Change(
+            "one-lag-of-a-structure-chosen-without",
+            "models/identify/lags.py",
+            "return [*best, *(c for",
+            "return best or [*(c for",
+            "a lag of the sensor under a raster is reported as a rate-dependence and a resonance",
+        ),
+        Change(
+            "every-lag-is-fed-by-lines",
+            "models/identify/lags.py",
+            "better = [c for c in steps if predicts_better(c, lines)]",
+            "better = []",
+            "a lag that is found from steps is half a sample off on other drives",
+        ),
+        Change(
+            "a-held-output-moves-in-lines",
+            "models/identify/dynamics.py",
+            "            if held:\n",
+            "            if False:\n",
+            "a slow sensor that reads a held output is half a sample off on other drives",
+        ),
+        Change(
+            "held-since-the-sample-before",
+            "models/identify/dynamics.py",
+            "now = before[i] if late else x[t, i]",
+            "now = x[t, i]",
+            "a slow sensor of an output held from each sample on is a sample off",
+        ),
     )
     + room(
         ("tests/models/identify/test_own_starts.py",),
