@@ -126,6 +126,8 @@ def _choose(
             break
     if wild:
         notes.append(f"{wild} lone displacement values far off their neighbours were left out")
+    if not any((c.shape, c.offset, c.lag) == (best.shape, best.offset, best.lag) for c in tried):
+        tried = [*tried, best]  # its lag was refined
     return Choice(setup, search, tried, best, notes, shown, drives, ramp)
 
 

@@ -51,7 +51,7 @@ class LagSearch:
 
     def find(self) -> list[TriedStructure]:
         """Return the candidate with each of the dynamics that the recording may need: the best of
-        the drive, and a lag of the sensor of first and of second order; empty where none helps.
+        the drive, and a lag of the sensor, of second order too if it pays; empty where none helps.
 
         A shift by a fraction of a sample needs a gain in the fit alone; a longer lag must predict
         held-out stretches clearly better, because a lag also gains a little where the hysteresis is
@@ -70,10 +70,14 @@ class LagSearch:
         second = self._find_second(sensor) if sensor is not None else None
         of_drive = [self._score(lag) for lag in (shift, delay, drive) if lag is not None]
         longer = [lag for lag in (sensor, second) if lag is not None and lag.delay_s > self.period]
-        good = [c for c in of_drive if c.lag is not None and self._helps(c, c.lag)]
-        best = [min(good, key=lambda c: c.held_rms)] if good else []
         of_sensor = [self._score(lag) for lag in longer]
-        return [*best, *(c for c in of_sensor if c.lag is not None and self._helps(c, c.lag))]
+        at_drive, at_sensor = (
+            [c for c in group if c.lag is not None and self._helps(c, c.lag)]
+            for group in (of_drive, of_sensor)
+        )
+        first = at_sensor[:1]
+        higher = [c for c in at_sensor[1:] if pays(first[0], c, clear=0.0)]
+        return sorted(at_drive, key=lambda c: c.held_rms)[:1] + first + higher
 
     def _helps(self, scored: TriedStructure, lag: Dynamics) -> bool:
         if not lag.delay_s > TUNING.far * self._measure_jitter(scored):

@@ -100,8 +100,8 @@ class Search:
         """Return the chosen structure. Rate-dependence is chosen only if it predicts segments of
         the drive that were held out, because on one loop rate and place are correlated."""
         bests = self._bests(tried)
-        best = bests[0] if len(bests) == 1 else self._choose_rate(*bests)
-        return self._drop_constant(self._choose_side(best))
+        best = self._choose_side(bests[0]) if len(bests) == 1 else self._choose_rate(*bests)
+        return self._drop_constant(best)
 
     def _choose_side(self, best: TriedStructure) -> TriedStructure:
         """Return the candidate with its lag on the side that predicts better."""
@@ -119,24 +119,33 @@ class Search:
         return best
 
     def _choose_rate(self, static: TriedStructure, rate: TriedStructure) -> TriedStructure:
+        """Return the static or the rate-dependent candidate, with its lag on the better side."""
         if rate.held.sum() < TUNING.minor * static.held.sum():
-            return rate
+            return self._choose_side(rate)
         self.static_because = NO_GAIN
         if not pays(static, rate):
-            return static
+            return self._choose_side(static)
         whole = self.setup.by_ways()
         scored = []
         for one in (static, rate):
             trial = Trial(whole, self.picks, self.r, one.offset, one.lag, one.loose)
             trial.linearise(one.params, one.shape, one.shape.powers)
             scored.append(trial.score(one.shape, whole.strengths[::2]))
-        beyond = _compare_beyond(self._measure_noise(rate), *scored)
+        noise = self._measure_noise(rate)
+        beyond = _compare_beyond(noise, *scored)
         left = float(scored[1].held.sum() / scored[0].held.sum())
         enough = left < TUNING.most and pays(scored[0], scored[1], clear=0.0)
         enough = enough or beyond < TUNING.minor
         if enough and self._is_no_place(static, rate):
             self.static_because = ""
-            return rate
+            return self._choose_side(rate)
+        static = self._choose_side(static)
+        # a static stage behind a lag or a delay is no simpler than one whose weights depend on the
+        # rate; the drive's segments need not distinguish the two
+        dynamic = static.lag is not None and static.lag.kind != LEAD
+        if dynamic and _compare_beyond(noise, static, rate) < TUNING.minor and pays(static, rate):
+            self.static_because = ""
+            return self._choose_side(rate)
         self.static_because = AS_PLACE if enough else NO_SEGMENTS
         return static
 

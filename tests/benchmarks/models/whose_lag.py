@@ -96,12 +96,14 @@ def read(found: Identification) -> Told:
     blocks = [b for b in found.model.blocks if b.kind in ("lag", "delay", "resonance")]
     if not blocks:
         return Told("none", 0.0, doubt, found.shape.name)
-    (one,) = blocks
-    p = one.params
-    if one.kind == "resonance":
-        delay = float(p["damping"]) / (np.pi * float(p["frequency_hz"]))
-    else:
-        delay = float(p["tau_s" if one.kind == "lag" else "delay_s"])
+    delay = 0.0
+    for one in blocks:
+        p = one.params
+        if one.kind == "resonance":
+            delay += float(p["damping"]) / (np.pi * float(p["frequency_hz"]))
+        else:
+            delay += float(p["tau_s" if one.kind == "lag" else "delay_s"])
+    one = blocks[-1]  # before it, a delay of a period where its input is held
     return Told(one.place, delay, doubt, f"{one.kind} {one.place}; {found.shape.name}")
 
 
