@@ -131,12 +131,14 @@ class HeldOutGroups:
         return np.asarray(left - (rest.mean() if rest.size else left.mean()))
 
 
-def make_held_out_groups(problem: Problem, fit: JointFit, drive: Floats) -> HeldOutGroups:
+def make_held_out_groups(
+    problem: Problem, fit: JointFit, drive: Floats, of_recordings: bool = False
+) -> HeldOutGroups:
     """Return the groups of a problem. fit: with all effects, of which some may be lines;
-    drive: (N,) as it was recorded, on which models are simulated."""
+    drive: (N,) as it was recorded, on which models are simulated; of_recordings: each recording is
+    a group, however few there are."""
     data = problem.data
-    count = len(data.names)
-    of = data.rec if count >= TUNING.few else data.block
+    of = data.rec if of_recordings or len(data.names) >= TUNING.few else data.block
     of_lines = _find_lines(problem, fit)
     groups, lines = [], []
     for g in np.unique(of[data.rows]):

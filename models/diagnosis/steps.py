@@ -121,7 +121,14 @@ def _report(
         "heldout_augmented": float(np.sqrt(written.held.mean_square)),
     }
     noises, left = (found.sigma, judged.noise), centred_residual(whole, diagnosed.predict(whole))
-    quality = survey(whole, fitted, noises, judged.unexplained, searched.warnings)
+    warnings = searched.warnings
+    if written.alone is not None and not written.holds_in_each_alone(judged.noise):
+        times = np.sqrt(written.alone) / judged.noise
+        warnings += (
+            f"fitted to one of the two recordings, the model leaves {times:.2g} times the noise in "
+            "the other: what differs between them is not explained; a third recording shows it",
+        )
+    quality = survey(whole, fitted, noises, judged.unexplained, warnings)
     diagnosis = Diagnosis(
         verdict=verdict,
         data=quality,

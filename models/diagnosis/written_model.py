@@ -44,7 +44,8 @@ class WrittenModel:
 
     held: errors on rows that it was not fitted to; held_in_use: errors of the model in use on the
     same rows, as it is, also where it was identified from them; gained: whether it differs from the
-    model in use.
+    model in use; alone: mean square on each of two recordings when fitted to the other, where an
+    effect began before them; else None.
     """
 
     model: Model
@@ -53,10 +54,19 @@ class WrittenModel:
     contains: tuple[str, ...] = ()
     contains_shape: bool = False
     gained: bool = False
+    alone: float | None = None
 
     def explains(self, noise: float) -> bool:
         """Return whether something was gained and the remaining error is near the noise [rms]."""
-        return self.gained and self.held.known <= (TUNING.near * noise) ** 2
+        near = self.held.known <= (TUNING.near * noise) ** 2
+        return self.gained and near and self.holds_in_each_alone(noise)
+
+    def holds_in_each_alone(self, noise: float) -> bool:
+        """Return whether the error of each of two recordings is near the noise [rms] when fitted to
+        the other. Half of the rows were fitted, so its power beyond the noise may be twice as
+        large."""
+        beyond = 2.0 * (TUNING.near**2 - 1.0)
+        return self.alone is None or self.alone <= (1.0 + beyond) * noise**2
 
 
 def choose_written_model(
@@ -108,6 +118,13 @@ def choose_written_model(
                 break
         else:
             break
+    # what began before a recording is another in each, which blocks of time left out do not show
+    if chosen is not None and len(data.names) == 2 and any(e.candidate.past for e in final.effects):
+        each = make_held_out_groups(problem, final, bare.data.u, of_recordings=True)
+        try:
+            best = replace(best, alone=each.held_out_errors(chosen.write_without).known)
+        except BadModel:  # a parameter value that the model format does not allow
+            best = replace(best, alone=np.inf)
     return best
 
 

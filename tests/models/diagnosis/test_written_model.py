@@ -5,6 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import signal
+from tests.benchmarks.models.proof.families import plan
+from tests.benchmarks.models.proof.score import figures
+from tests.benchmarks.models.proof.stages import make_case
 from tests.rigs.diagnosis import diagnose_without_limits
 from tests.rigs.hardware_stages import make_rig
 from tests.rigs.plants.drives import small_scan
@@ -21,7 +24,11 @@ from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.findings.weigh import Conclusion
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.held_out import HeldOutErrors, WritableFit, make_held_out_groups
-from dehyst.models.diagnosis.written_model import add_model_prior, choose_written_model
+from dehyst.models.diagnosis.written_model import (
+    WrittenModel,
+    add_model_prior,
+    choose_written_model,
+)
 from dehyst.models.modelfile import dumps, loads
 from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
@@ -271,6 +278,30 @@ def test_what_is_left_in_rows_left_out_is_not_explained() -> None:
     assert found.rms["heldout_augmented"] < 0.2 * found.rms["heldout_model"]
     assert found.rms["heldout_augmented"] > 2.0 * case.noise
     assert found.verdict == "partly"
+
+
+def test_what_two_recordings_do_not_predict_of_each_other_is_not_explained() -> None:
+    """A stage warms up from moves that nobody recorded, at another pace in each recording. In each
+    a drift leaves little, whichever time is left out, but a third recording drifts otherwise."""
+    case = make_case(plan(830117, "past", 4))
+    d = diagnose_without_limits(case.given())
+    assert d.verdict == "partly"
+    assert any("fitted to one of the two recordings" in text for text in d.data.says)
+    assert d.rms["heldout_augmented"] < 1.5 * d.noise
+    assert d.findings[0].name == "drift"
+    assert figures(case, d)["held_augmented"] > 1.5
+
+
+@pytest.mark.parametrize(("alone", "explained"), [(None, True), (1.8, True), (2.0, False)])
+def test_half_of_the_rows_may_leave_twice_the_power_beyond_the_noise(
+    alone: float | None, explained: bool
+) -> None:
+    held = HeldOutErrors(1.4**2, 1.4**2, (1.4, 1.4))
+    power = None if alone is None else alone**2
+    data = prepare(recorded())
+    model = fit_plain_model(data, THRESHOLDS * data.span)
+    one = WrittenModel(model, held, held, gained=True, alone=power)
+    assert one.explains(1.0) is explained
 
 
 def test_a_part_that_gives_a_value_that_no_model_may_have_costs_that_choice_alone() -> None:

@@ -497,6 +497,13 @@ CHANGES = [
             ),
         ),
         Change(
+            "two-recordings-that-differ-are-explained",
+            HANDOUT,
+            "return self.gained and near and self.holds_in_each_alone(noise)",
+            "return self.gained and near",
+            "a drift that is another in each recording is said to be explained",
+        ),
+        Change(
             "a-reach-that-no-model-has",
             HANDOUT,
             "            if bounded and not is_within_reach(model, data):",
