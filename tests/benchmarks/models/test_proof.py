@@ -289,3 +289,15 @@ def test_a_quiet_stage_follows_another_drive_no_worse_than_by_the_model_in_use()
     assert d.verdict == "partly"
     reached = figures(case, d)
     assert reached["held_augmented"] < reached["held_model"]
+
+
+def test_what_two_recordings_do_not_predict_of_each_other_is_not_explained() -> None:
+    """A stage warms up from moves that nobody recorded, at another pace in each recording. In each
+    a drift leaves little, whichever time is left out, but a third recording drifts otherwise."""
+    case = make_case(plan(830117, "past", 4))
+    d = diagnose(case.given(), with_limits=False)
+    assert d.verdict == "partly"
+    assert any("fitted to one of the two recordings" in text for text in d.data.says)
+    assert d.rms["heldout_augmented"] < 1.5 * d.noise
+    assert d.findings[0].name == "drift"
+    assert figures(case, d)["held_augmented"] > 1.5

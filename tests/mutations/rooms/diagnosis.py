@@ -502,6 +502,9 @@ CHANGES = [
             "return self.gained and near and self.holds_in_each_alone(noise)",
             "return self.gained and near",
             "a drift that is another in each recording is said to be explained",
+            tests=(
+                "tests/benchmarks/models/test_proof.py::test_what_two_recordings_do_not_predict_of_each_other_is_not_explained",
+            ),
         ),
         Change(
             "a-reach-that-no-model-has",
