@@ -16,7 +16,6 @@ from dehyst.models.identify.search import Search
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import TriedStructure, choose_structure, list_shapes
 from dehyst.models.identify.tuning import TUNING
-from dehyst.models.physics.dynamics import LEAD
 from dehyst.models.recording import Bools
 from dehyst.models.signals.drive_segments import (
     DriveSegments,
@@ -60,7 +59,7 @@ def make_choice(setup: FitSetup, options: Options, progress: Callable[[str], Non
     lags = not repeats_one_loop(drives)
     if lags:
         rich = _choose_without_drift(setup, options, progress, Shown(True, True), drives)
-        if period_s is None or (shows_lag(rich) and _outlasts_drift(rich, period_s)):
+        if period_s is None or (rich.best.has_lag and _outlasts_drift(rich, period_s)):
             return rich  # with a lag the stage is dynamic: then its weights may be, too
     shown = Shown(rates=False, lags=lags)
     found = _choose_without_drift(setup, options, progress, shown, drives)
@@ -143,12 +142,6 @@ def _find_ramp(found: Choice) -> float:
         shape = replace(best.shape, powers=(0, *best.shape.powers))
         best = replace(best, shape=shape, params=constant)
     return found.search.find_ramp(best, 2.0 * float(np.median(ways.durations)))
-
-
-def shows_lag(found: Choice) -> bool:
-    """Return whether the chosen structure has a lag or a delay. A lead of a part of a sample
-    belongs to the recorder."""
-    return found.best.lag is not None and found.best.lag.kind != LEAD
 
 
 def _outlasts_drift(found: Choice, period_s: float | None) -> bool:

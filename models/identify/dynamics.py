@@ -43,7 +43,8 @@ class Filter:
         self._last = np.full(1, np.nan)  # time before
 
     def run(self, x: Floats, t_s: Floats, fresh: Bools) -> None:
-        """Filter x (n, width) in place. fresh: (n,) rows at which the filter restarts settled."""
+        """Filter x (n, width) in place. fresh: (n,) rows at which the filter restarts settled. An
+        input that is late is the one of the row before."""
         _filter_columns(x, t_s, fresh, self._theta, self._held, self._late, self._state, self._last)
 
 

@@ -105,7 +105,7 @@ class Search:
 
     def _choose_side(self, best: TriedStructure) -> TriedStructure:
         """Return the candidate with its lag on the side that predicts better."""
-        if best.lag is None or best.lag.delay_s < 0.0:  # a lead
+        if not best.has_lag:
             return best
         same = [s for s in self.wanted if s.rate == best.shape.rate]
 
@@ -140,10 +140,10 @@ class Search:
             self.static_because = ""
             return self._choose_side(rate)
         static = self._choose_side(static)
-        # a static stage behind a lag or a delay is no simpler than one whose weights depend on the
-        # rate; the drive's segments need not distinguish the two
-        dynamic = static.lag is not None and static.lag.kind != LEAD
-        if dynamic and _compare_beyond(noise, static, rate) < TUNING.minor and pays(static, rate):
+        # with a lag, a static stage is no simpler than one with rate-dependent weights, and the
+        # drive's segments need not distinguish the two
+        alike = _compare_beyond(noise, static, rate) >= TUNING.minor
+        if static.has_lag and not alike and pays(static, rate):
             self.static_because = ""
             return self._choose_side(rate)
         self.static_because = AS_PLACE if enough else NO_SEGMENTS

@@ -24,7 +24,7 @@ from dehyst.models.identify.fit import fit_shape, make_bounds, make_start
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.thresholds import Prior
 from dehyst.models.identify.tuning import TUNING
-from dehyst.models.physics.dynamics import Dynamics
+from dehyst.models.physics.dynamics import LEAD, Dynamics
 from dehyst.models.recording import Bools, Floats
 
 ODD = ((0,), (0, 3), (0, 3, 5), (0, 3, 5, 7))
@@ -70,6 +70,11 @@ class TriedStructure:
     lag: Dynamics | None = None
     loose: bool = True
     superseded: bool = False
+
+    @property
+    def has_lag(self) -> bool:
+        """Whether it has a lag or a delay. A lead of a part of a sample belongs to the recorder."""
+        return self.lag is not None and self.lag.kind != LEAD
 
     @property
     def held_rms(self) -> float:

@@ -39,7 +39,7 @@ def with_span(found: SearchState) -> SearchState:
     ranked = sorted(_best_spans(screen), key=lambda one: -one[0])[: TUNING.shortlist]
     most = max((gain for gain, *_ in ranked), default=0.0)
     if most < TUNING.quarter * float(screen.r @ screen.r):
-        return found
+        return found  # it must leave little: an estimate at one of a few times shows half of that
     bare = replace(found, problem=light, null=null, accepted=null, rounds=(), picked=())
     # next to a base, a column that begins is the same as its negative until then
     both = [
@@ -62,7 +62,7 @@ def with_span(found: SearchState) -> SearchState:
     state = replace(bare, accepted=best.fit, rounds=(tuple(judged),), picked=(best.candidate.key,))
     state = search_one_more(state, TUNING.shortlist)
     if misfit_beyond_noise(light, state.accepted, sigma) > TUNING.quarter * left:
-        return found
+        return found  # the last fit takes away a part of this, not half
     final = problem.refit(state.accepted.effects, rounds=8, settle=0.3 * sigma**2)
     if misfit_beyond_noise(problem, final, sigma) > TUNING.minor * left:
         return found  # a part of any change in time looks like some effect that begins

@@ -460,7 +460,7 @@ CHANGES += (
         Change(
             "rate-from-one-period",
             "models/identify/choice.py",
-            "(shows_lag(rich) and _outlasts_drift(rich, period_s))",
+            "(rich.best.has_lag and _outlasts_drift(rich, period_s))",
             "_outlasts_drift(rich, period_s)",
             "a static stage of another class is given a rate-dependence",
         ),
@@ -589,8 +589,8 @@ CHANGES += (
         Change(
             "a-delay-before-weights",
             "models/identify/search.py",
-            "        if dynamic and _compare_beyond(",
-            "        if False and _compare_beyond(",
+            "        if static.has_lag and not alike",
+            "        if False and not alike",
             "weights that depend on the rate are taken for a delay about a bias",
         ),
     )
