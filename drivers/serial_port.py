@@ -22,6 +22,7 @@ from dehyst.drivers import system
 from dehyst.drivers.interface import DeviceGone, DeviceNotFound, DeviceTimeout, DriverConfigError
 
 READ_SIZE = 4096
+CLOSED = -1  # no file has this descriptor
 
 
 @dataclass(frozen=True)
@@ -71,8 +72,8 @@ class SerialPort:
     """An open port; bytes only, no protocol. Used by one thread.
 
     path: e.g. /dev/ttyACM0. baud: bits per second, 8N1, no flow control (rtscts: RTS/CTS).
-    write_timeout_s: longest time that one write may block. clock: the clock of the deadlines
-    given to read_until_deadline (time.monotonic where none is given).
+    write_timeout_s: longest time that one write may block. clock: the clock of all deadlines
+    (time.monotonic where none is given).
     Raises DeviceNotFound when it cannot be opened, DriverConfigError for a bad baud rate.
     """
 
@@ -89,14 +90,7 @@ class SerialPort:
         self._write_timeout_s = write_timeout_s
         try:
             # timeout=0: reads never wait; waiting is done here, with select and a deadline.
-            self._serial = serial.Serial(
-                path,
-                baud,
-                timeout=0,
-                write_timeout=write_timeout_s,
-                exclusive=True,
-                rtscts=rtscts,
-            )
+            self._serial = serial.Serial(path, baud, timeout=0, exclusive=True, rtscts=rtscts)
         except ValueError as error:
             raise DriverConfigError(f"serial port {path}: {error}") from None
         except (serial.SerialException, OSError) as error:
@@ -111,44 +105,66 @@ class SerialPort:
         """Pass all of `data` to the port. Raises DeviceTimeout when that takes longer than the
         write time-out (an unknown part of it has then been sent), DeviceGone when the port is
         gone."""
-        try:
-            self._serial.write(data)
-        except serial.SerialTimeoutException:
-            with contextlib.suppress(serial.SerialException, OSError, system.TerminalError):
-                self._serial.reset_output_buffer()
-            raise DeviceTimeout(
-                f"{self.path}: the unit accepted no bytes for {self._write_timeout_s:g} s; it "
-                "hangs; switch it off and on, or unplug it and plug it in again"
-            ) from None
-        except (serial.SerialException, OSError, TypeError) as error:
-            raise self._gone(error) from None
+        left = memoryview(data)
+        deadline_s = self._clock() + self._write_timeout_s
+        while left:
+            # The port is asked after the clock: a process that was held up for longer than the
+            # time-out finds its port writable, and only a port that still accepts nothing hangs.
+            # pyserial's own time-out looks at its clock alone and would blame the unit.
+            wait_s = max(0.0, deadline_s - self._clock())
+            sent = self._send(left) if self._select_writable(wait_s) else 0
+            if not sent and wait_s == 0.0:
+                raise self._accepts_nothing()
+            left = left[sent:]
 
     def read_available(self) -> bytes:
         """Return what has arrived, without waiting; b"" if nothing has. Raises DeviceGone."""
-        ready, _, _ = self._select(0.0)
-        return self._read() if ready else b""
+        return self._read() if self._select_readable(0.0) else b""
 
     def read_until_deadline(self, deadline_s: float) -> bytes:
         """Wait for at least one byte until the clock reads `deadline_s`; return all bytes that are
         available, or b"" at the deadline. Raises DeviceGone."""
         while True:
             left_s = deadline_s - self._clock()
-            ready, _, _ = self._select(max(0.0, left_s))
-            if ready:
+            if self._select_readable(max(0.0, left_s)):
                 return self._read()
             if left_s <= 0.0:
                 return b""
 
     def close(self) -> None:
         """Close the port. Safe to call twice and after an unplug."""
+        self._fd = CLOSED  # the next file that is opened gets the old number
         with contextlib.suppress(serial.SerialException, OSError, system.TerminalError):
             self._serial.close()
 
-    def _select(self, wait_s: float) -> tuple[list[int], list[int], list[int]]:
+    def _select_readable(self, wait_s: float) -> bool:
+        return self._select([self._fd], [], wait_s)
+
+    def _select_writable(self, wait_s: float) -> bool:
+        return self._select([], [self._fd], wait_s)
+
+    def _select(self, readable: list[int], writable: list[int], wait_s: float) -> bool:
         try:
-            return select.select([self._fd], [], [], wait_s)
-        except (OSError, ValueError) as error:  # ValueError: the descriptor is closed (-1)
+            return any(select.select(readable, writable, [], wait_s))
+        except (OSError, ValueError) as error:  # ValueError: the port is closed
             raise self._gone(error) from None
+
+    def _send(self, data: memoryview) -> int:
+        """Return how many bytes the port accepted, without waiting."""
+        try:
+            return os.write(self._fd, data)
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            raise self._gone(error) from None
+
+    def _accepts_nothing(self) -> DeviceTimeout:
+        with contextlib.suppress(serial.SerialException, OSError, system.TerminalError):
+            self._serial.reset_output_buffer()
+        return DeviceTimeout(
+            f"{self.path}: the unit accepted no bytes for {self._write_timeout_s:g} s; it hangs; "
+            "switch it off and on, or unplug it and plug it in again"
+        )
 
     def _read(self) -> bytes:
         try:

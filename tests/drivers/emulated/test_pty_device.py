@@ -2,6 +2,7 @@
 
 import os
 import threading
+import time
 
 import pytest
 
@@ -108,6 +109,29 @@ def test_a_stalled_port_times_out_the_write_and_recovers(tmp_path):
         server.stall_writes(False)
         port.write(b"heard")
         assert read(port, 5) == b"heard"
+        port.close()
+
+
+def test_a_closed_port_reaches_no_file_that_was_opened_after_it(tmp_path):
+    with PtyServer(Parrot(), tmp_path / "old") as old, PtyServer(Parrot(), tmp_path / "new") as new:
+        closed = SerialPort(old.port)
+        closed.close()
+        opened = SerialPort(new.port)
+        for call in (lambda: closed.write(b"xvoltage=75\r"), closed.read_available):
+            with pytest.raises(DeviceGone):
+                call()
+        opened.write(b"mine")
+        assert read(opened, 4) == b"mine"
+        opened.close()
+
+
+def test_a_process_that_was_held_up_does_not_blame_the_unit(tmp_path):
+    lost_s = iter([0.0, 3600.0])  # the process is held up between the first look and the second
+    with PtyServer(Parrot(), tmp_path / "port") as server:
+        port = SerialPort(server.port, clock=lambda: time.monotonic() + next(lost_s, 0.0))
+        port.write(b"heard")
+        assert read(port, 5) == b"heard"
+        assert next(lost_s, None) is None
         port.close()
 
 

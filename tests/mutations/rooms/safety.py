@@ -368,6 +368,20 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/drivers/emulated/test_pty_device.py",),
+        Change(
+            "late-blames-unit", "drivers/serial_port.py",
+            "sent = self._send(left) if self._select_writable(wait_s) else 0",
+            "sent = self._send(left) if wait_s and self._select_writable(wait_s) else 0",
+            "a process that was held up says that the unit hangs",
+        ),
+        Change(
+            "closed-port-writes", "drivers/serial_port.py", "        self._fd = CLOSED",
+            "        pass",
+            "a command to a port that was closed goes into the file opened next",
+        ),
+    ),
+    *room(
         ("tests/daemon/gateway/test_units_of_the_run.py",),
         Change(
             "unit-of-the-run-before", "daemon/gateway/publisher.py",
