@@ -162,7 +162,7 @@ class Bus(Closing):
             "connect/exit_on_failure": False,
             # one full link may delay all others by at most 1 ms, then it loses the batch
             "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 1000,
-            # a link that stays full for 2 s is closed
+            # a link that stays full for 2 s while an answer waits is closed
             "transport/link/tx/queue/congestion_control/block/wait_before_close": 2_000_000,
             # limits what the kernel buffers for a subscriber that does not read
             "transport/link/tcp/so_sndbuf": LINK_BUFFER_BYTES,
@@ -339,7 +339,9 @@ class Bus(Closing):
 def _full(what: str) -> "zenoh.CongestionControl":
     """Return zenoh's congestion control for a topic's behaviour at a full link."""
     control = zenoh.CongestionControl
-    return {"drop": control.DROP, "wait": control.BLOCK, "close": control.BLOCK_FIRST}[what]
+    # not BLOCK_FIRST: it holds one message for each link, and loses the second of two that follow
+    # each other (a status and its event) whenever zenoh's thread does not run between them
+    return {"drop": control.DROP, "wait": control.BLOCK}[what]
 
 
 _QUEUED = {

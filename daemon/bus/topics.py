@@ -1,10 +1,11 @@
 """Table of everything published on the bus: subject, message, rate, quality of service.
 
-Telemetry is reliable on the wire but never waits for a slow subscriber: a subscriber that does
-not read loses batches on its own link, detects this from the sequence numbers, and can request the
-missing samples (`history`). Status and events are rare: a subscriber that does not read them for
-two seconds loses its link, and no other client waits for it. Commands are small and have the
-highest priority.
+Everything is reliable on the wire, but nothing that is published waits for a slow subscriber: what
+it has not read stays on its own link, and when that is full, what is new is lost there. A
+subscriber detects lost telemetry from the sequence numbers, and can request the missing samples
+(`history`). Status and events are rare: they fill a link only if nothing is read, and the system
+ends such a link after three seconds. Commands are small and have the highest priority; their
+sender waits.
 """
 
 from dataclasses import dataclass
@@ -15,11 +16,11 @@ from typing import Literal
 class Topic:
     """One topic. subject: the chunk in the key, where `{unit}` is replaced by the model's
     displacement unit; full: what happens at a full link ("drop": the message is lost there, "wait":
-    the sender waits, "close": the sender does not wait, and a link that stays full is closed);
-    priority: zenoh's name; express: sent at once instead of being batched."""
+    the sender waits); priority: zenoh's name; express: sent at once, alone. Others share a batch
+    with what is waiting, so that a burst does not fill the link."""
 
     subject: str
-    full: Literal["drop", "wait", "close"]
+    full: Literal["drop", "wait"]
     priority: Literal["REAL_TIME", "INTERACTIVE_HIGH", "DATA_HIGH", "DATA", "DATA_LOW"]
     express: bool
 
@@ -29,11 +30,11 @@ SETPOINT = Topic("setpoint_{unit}", full="wait", priority="REAL_TIME", express=T
 # TelemetryBatch, every telemetry.batch_s
 TELEMETRY = Topic("telemetry", full="drop", priority="DATA", express=False)
 # Status, 1 Hz and at changes
-STATUS = Topic("status", full="close", priority="DATA_HIGH", express=False)
+STATUS = Topic("status", full="drop", priority="DATA_HIGH", express=False)
 # Event, when it happens
-EVENT = Topic("event", full="close", priority="DATA_HIGH", express=True)
+EVENT = Topic("event", full="drop", priority="DATA_HIGH", express=False)
 # DoctorReport, when the doctor starts, when it has findings, and when its offer is decided
-DOCTOR = Topic("doctor", full="close", priority="DATA_HIGH", express=True)
+DOCTOR = Topic("doctor", full="drop", priority="DATA_HIGH", express=False)
 # Rejection, at most 10 Hz
 REJECTION = Topic("rejection", full="drop", priority="DATA_LOW", express=False)
 

@@ -28,6 +28,9 @@ WITH_GAUGES = (("actuator", "kpc101"), ("actuator", "bpc303"))
 """Amplifiers with a strain gauge input, which the sensor driver of the same name reads."""
 APT_UNITS = (SENSOR, PIEZO, *WITH_GAUGES)
 ANY_UNIT = (*APT_UNITS, ACTUATOR)
+ATTEMPTS = 2
+"""How often each unit is asked for at a port: one that has just been switched on, or a computer
+that is busy, may be too late for the first answer."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,7 @@ def ask_port(
 ) -> FoundUnit | None:
     """Return the unit at this port, or None if it is none of the expected ones. Raises DriverError
     if the port cannot be opened, or if the unit is there but cannot be used as it is."""
-    for kind, driver in expected:
+    for kind, driver in ATTEMPTS * expected:
         settings: dict[str, Any] = {"port": path}
         device: Actuator | Sensor
         if kind == "actuator":

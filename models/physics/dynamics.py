@@ -48,8 +48,11 @@ class Dynamics:
         where = "of the drive" if self.place == "drive" else "of the sensor"
         if self.kind == SECOND:
             frequency, damping = self.theta
-            return f"lag of second order {where}, {frequency:.3g} Hz, damping {damping:.2g}"
-        return f"{self.kind} {where}, {1e3 * self.theta[0]:.3g} ms"
+            what = f"lag of second order {where}, {frequency:.3g} Hz, damping {damping:.2g}"
+        else:
+            what = f"{self.kind} {where}, {1e3 * self.theta[0]:.3g} ms"
+        since = "from each sample on" if self.late_s else "since the sample before"
+        return f"{what}, input held {since}" if self.held else what
 
     @property
     def doubt(self) -> str:

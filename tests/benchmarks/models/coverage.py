@@ -130,7 +130,7 @@ def measure(cases: Iterator[Case], name: str, bars: Bars, two: bool) -> list[flo
 def main() -> int:
     """Run the named parts, or all."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("parts", nargs="*", choices=[*PARTS], help="default: all")
     parser.add_argument("--stages", type=int, default=40)
     parser.add_argument("--two", action="store_true")
     args = parser.parse_args()

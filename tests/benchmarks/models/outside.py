@@ -110,7 +110,7 @@ PARTS = {
 def main() -> int:
     """Run the parts named on the command line, or all."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("parts", nargs="*", choices=[*PARTS], help="default: all")
     parser.add_argument("--number", type=int, default=40)
     args = parser.parse_args()
     bars = Bars()

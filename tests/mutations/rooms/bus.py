@@ -21,6 +21,16 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/daemon/bus/test_starved.py",),
+        Change(
+            "each-event-a-batch",
+            "daemon/bus/topics.py",
+            'EVENT = Topic("event", full="drop", priority="DATA_HIGH", express=False)',
+            'EVENT = Topic("event", full="drop", priority="DATA_HIGH", express=True)',
+            "a burst of events fills the link of a subscriber that reads, and its end is lost",
+        ),
+    ),
+    *room(
         ("tests/daemon/bus/test_session.py",),
         Change(
             "callbacks-outlive-their-session",
