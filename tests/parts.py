@@ -49,6 +49,11 @@ THOROUGH = (
     "daemon/acquire/test_outputs.py", "daemon/files/test_recorder.py",
     "daemon/commands/test_other_files.py", "models/learning/test_trim.py",
     "models/cascade/test_reach.py", "benchmarks/models/test_proof.py",
+    "models/signals/test_marks_of_pasts.py", "models/signals/test_lone.py",
+    "daemon/report/test_choice.py", "daemon/epics/test_waiting.py",
+    "daemon/gateway/test_case_keeper.py", "daemon/gateway/test_trial_ends.py",
+    "benchmarks/models/test_whose_lag.py", "daemon/loop/test_trim_anew.py",
+    "daemon/loop/test_staying.py",
 )  # fmt: skip
 """Folders and files of the tests in `thorough`."""
 LONGEST = (

@@ -177,6 +177,10 @@ def test_they_start_on_the_same_sample_however_far_each_comes(
 def test_what_one_axis_refuses_moves_none(stage: AxesBench, kinds: Kinds) -> None:
     """The gateway refuses for all axes, whatever the client has checked: x, whose points are valid,
     does not move either."""
+    wait_until(
+        "earlier motions have ended",
+        lambda: all(loop.state is State.READY for loop in stage.loops.values()),
+    )
     group = stage.group("xy")
     group.acquire()
     names, offsets = ["stage-1-x", "stage-1-y"], np.array([0, 5_000_000])
