@@ -28,8 +28,8 @@ from dehyst.models.identify.thresholds import Prior
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import Jackknife
 from dehyst.models.recording import Floats
+from dehyst.models.signals.error_size import Z95
 
-Z95 = 1.96
 EVERY = 7  # one row in this many of the comparison drive; not commensurate with its periods
 
 

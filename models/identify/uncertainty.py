@@ -17,6 +17,7 @@ from dehyst.models.identify.equations import (
 )
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
+from dehyst.models.signals.error_size import Z95
 from dehyst.models.signals.rounding import rounding_rms
 
 LONG, PARTS = 1_000_000, 20  # rows used of a longer residual, and their number of parts
@@ -129,8 +130,8 @@ def leave_stretches_out(
     out, by_noise = np.zeros((size, size)), np.zeros((size, size))
     by_noise[here] = white @ white.T
     count = len(moves)
-    # Student's factor for few stretches: 1.96 standard errors are then a 95 % interval
-    few = (stdtrit(max(count - 1, 1), 0.975) / 1.96) ** 2
+    # Student's factor for few stretches: Z95 standard errors are then a 95 % interval
+    few = (stdtrit(max(count - 1, 1), 0.975) / Z95) ** 2
     out[here] = few * (count - 1) / max(count, 1) * (np.transpose(moves) @ np.array(moves))
     return Jackknife(out, by_noise, np.concatenate(left_out))
 

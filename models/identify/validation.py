@@ -15,6 +15,7 @@ from dehyst.models.errors import BadInput
 from dehyst.models.identify.uncertainty import estimate_noise
 from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.signals.error_size import Z95
 from dehyst.models.signals.pace import measure_pace
 from dehyst.models.signals.rounding import quantum
 from dehyst.models.units import spell_unit
@@ -32,7 +33,6 @@ LATE, RARE = 1.2, 0.05  # periods: a longer step ends at a late sample; share of
 DOUBT = 5.0  # times the noise over the root of the rows: three standard errors of its estimate, by
 # the median of second differences of white noise (1.65 / root of the rows each)
 MOST_ROWS = 100_000  # rows of which the share of the motion in an error is found
-SURE = 1.96  # standard errors of a correlation of white noise: 95 % are smaller
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def validate(model: Model, recording: Recording) -> Validation:
     stated = ~(outside | _find_slower(model, u, t)) & ~np.isnan(error)
     share = float(np.count_nonzero(stated)) / float(np.count_nonzero(~np.isnan(error)))
     if fit.band is not None and share >= LEAST_STATED and np.isfinite(noise):
-        reach = np.hypot(fit.band, SURE * noise)
+        reach = np.hypot(fit.band, Z95 * noise)
         judged = error[stated]
         within = float(np.mean(np.abs(judged - judged.mean()) <= reach))
     claim = fit.claim
@@ -167,7 +167,7 @@ def validate(model: Model, recording: Recording) -> Validation:
         predicted=out,
         autocorrelation=own,
         with_drive=drive,
-        chance=SURE / max(1.0, float(np.count_nonzero(~np.isnan(error)))) ** 0.5,
+        chance=Z95 / max(1.0, float(np.count_nonzero(~np.isnan(error)))) ** 0.5,
         outside=float(np.mean(outside)),
         unstated=1.0 - share,
         within=within,

@@ -1,11 +1,9 @@
 """The forward side of a kind of block over a whole record."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dehyst.models.arrays import Floats
 from dehyst.models.physics import KINDS
-
-Floats = NDArray[np.float64]
 
 
 def forward(

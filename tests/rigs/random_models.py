@@ -6,13 +6,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from dehyst.models.arrays import Floats
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.inverse import sample
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.state import inverse_at
 from dehyst.models.model import Hysteresis, Model, Validity
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 NEVER, DROUGHT, ONE_IN_A_HUNDRED = range(3)  # how a stream starves
 TARGETS = (

@@ -37,12 +37,12 @@ from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.daemon.rings.ring import Ring
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import SimulatedStage
+from dehyst.models.arrays import Floats
 from dehyst.models.identify import Options, identify
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Hysteresis, Model
 from dehyst.models.recording import Recording
 
-Floats = NDArray[np.float64]
 MODES = ("linear", "static", "causal", "preview")
 SINES = ((5.0, 5.0), (10.0, 4.0), (20.0, 3.0))  # Hz, um peak to peak
 RATE_HZ, TOP_V, SLEW, PREVIEW_S, CENTRE_UM = 200.0, 150.0, 40_000.0, 0.1, 8.0

@@ -15,18 +15,17 @@ import time
 from multiprocessing import get_context
 
 import numpy as np
-from numpy.typing import NDArray
 from tests.benchmarks.bars import Bars
 from tests.benchmarks.models import inverse_speed, inverse_stage
 from tests.rigs.random_models import NEVER, Outcome, driven, outcome, random_case
 
+from dehyst.models.arrays import Floats
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import invert_streamed, invert_trajectory
 from dehyst.models.model import Model
 from dehyst.models.modelfile import shipped
 
-Floats = NDArray[np.float64]
 CENTRE_UM = 6.0
 TARGETS = (
     ("1 Hz, 9 um p-p", ((1.0, 1.0),), 9.0, 1.0),

@@ -10,17 +10,16 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from tests.benchmarks.bars import Bars
 from tests.rigs.random_models import NEVER, driven
 
+from dehyst.models.arrays import Floats
 from dehyst.models.hysteresis.monotone import nearest_monotone
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.static import StaticInverse, static_inverse
 from dehyst.models.modelfile import shipped
 
-Floats = NDArray[np.float64]
 REPEATS = 25
 BAR_C = 2.0  # times the duration of a C -O3 walk
 BARS_PREVIEW = {1000: 5.0, 10_000: 15.0}  # % of a core, by rate

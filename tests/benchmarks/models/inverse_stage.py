@@ -1,10 +1,10 @@
 """Tracking on a plant with other physics than the model's: the simulated stage; see inverse.py."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import SimulatedStage
+from dehyst.models.arrays import Floats
 from dehyst.models.cascade.step import invert_stage_blocks, pack
 from dehyst.models.identify import Options, identify
 from dehyst.models.inverse.compensator import Compensator
@@ -12,7 +12,6 @@ from dehyst.models.model import Block, Hysteresis, Model, Validity
 from dehyst.models.physics import KINDS
 from dehyst.models.recording import Recording
 
-Floats = NDArray[np.float64]
 RATE_HZ = 1000.0
 TOP_V = 150.0
 SETTINGS = StageSettings()
