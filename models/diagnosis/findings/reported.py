@@ -1,5 +1,5 @@
 """Select the accepted effects that are worth reporting: those that help on held-out samples, and
-whose size is known to a factor of ten."""
+whose size is known to a factor of ten and does not vary."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from dehyst.models.diagnosis.effects import Effect
-from dehyst.models.diagnosis.evidence import blockwise_held_out_error
+from dehyst.models.diagnosis.evidence import blockwise_held_out_error, constancy, contribution
+from dehyst.models.diagnosis.findings.growth import growth
 from dehyst.models.diagnosis.intervals import intervals
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState
@@ -65,13 +66,17 @@ def _without_lines(found: SearchState) -> JointFit:
 
 
 def keep_effects_of_known_size(found: SearchState) -> SearchState:
-    """Return the search without the effects whose size is not known to a factor of ten. Of several
-    similar ones, the one that the others best replace is removed first, which may leave another one
-    known."""
+    """Return the search without the effects whose size is not known to a factor of ten, or is
+    another in each part of the recordings. Of several similar ones, the one that the others best
+    replace is removed first, which may leave another one known."""
     final, problem = found.accepted, found.problem
     while final.effects:
         values = intervals(problem, final, found.sigma)
-        wide = [e for e, v in zip(final.effects, values, strict=True) if not size_is_known(e, v)]
+        wide = [
+            effect
+            for effect, value in zip(final.effects, values, strict=True)
+            if not (size_is_known(effect, value) and has_one_size(found, final, effect))
+        ]
         if not wide:
             break
         left = [problem.without(final, e).sse for e in wide]
@@ -93,6 +98,17 @@ def without_effects_of_kind(
 def _without(found: SearchState, effects: tuple[Effect, ...], one: Effect) -> JointFit:
     rest = [o for o in effects if o is not one]
     return found.problem.refit(rest, settle=0.3 * found.sigma**2) if rest else found.null
+
+
+def has_one_size(found: SearchState, final: JointFit, effect: Effect) -> bool:
+    """Return whether an effect has one size over the recordings, or one until and another from some
+    time on. What varies by more than half without such a time is made up from other structure, and
+    does not predict another recording."""
+    data, sigma = found.problem.data, found.sigma
+    x, r = contribution(found.problem, final, effect)
+    if constancy(found.problem, sigma, x, r).spread <= TUNING.half:
+        return True
+    return growth(data, sigma, x, r) is not None
 
 
 def size_is_known(effect: Effect, values: Mapping[str, Value]) -> bool:

@@ -266,6 +266,21 @@ def test_hum_in_a_servo_is_named_and_its_phase_is_not_written() -> None:
     assert written < 0.5 * case.noise
 
 
+@pytest.mark.parametrize("number", [4, 40])
+def test_an_effect_of_another_size_in_each_recording_is_not_named(number: int) -> None:
+    """The preload changes within each recording, which no effect of the library does. A creep or a
+    drift that imitates it would need half the size in one recording and twice in the next, and
+    predicts another drive no better than the model in use."""
+    case = make_rig(415823, number)
+    found = diagnose_without_limits(case.given)
+    assert {f.name for f in found.findings} == {"shape", "unknown"}
+    in_use, written = (
+        float(np.std(case.held.displacement - predict(m, case.held).displacement))  # type: ignore[operator]
+        for m in (found.base_model, found.model)
+    )
+    assert written < in_use + 0.1 * case.noise
+
+
 def test_what_is_left_in_rows_left_out_is_not_explained() -> None:
     """A lag after a loop of another class, with noise of a twenty-thousandth of the stroke: by far
     the most is explained, but a residual of several times the noise is not."""

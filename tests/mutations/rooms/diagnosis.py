@@ -497,6 +497,16 @@ CHANGES = [
             ),
         ),
         Change(
+            "any-size-will-do",
+            "models/diagnosis/findings/reported.py",
+            "(size_is_known(effect, value) and has_one_size(found, final, effect))",
+            "size_is_known(effect, value)",
+            "a drift is named that is half as large in one recording and twice in the next",
+            tests=(
+                "tests/models/diagnosis/test_written_model.py::test_an_effect_of_another_size_in_each_recording_is_not_named",
+            ),
+        ),
+        Change(
             "two-recordings-that-differ-are-explained",
             HANDOUT,
             "return self.gained and near and self.holds_in_each_alone(noise)",
