@@ -75,7 +75,7 @@ def keep_effects_of_known_size(found: SearchState) -> SearchState:
         wide = [
             effect
             for effect, value in zip(final.effects, values, strict=True)
-            if not (size_is_known(effect, value) and has_one_size(found, final, effect))
+            if not (size_is_known(effect, value) and has_steady_size(found, final, effect))
         ]
         if not wide:
             break
@@ -100,7 +100,7 @@ def _without(found: SearchState, effects: tuple[Effect, ...], one: Effect) -> Jo
     return found.problem.refit(rest, settle=0.3 * found.sigma**2) if rest else found.null
 
 
-def has_one_size(found: SearchState, final: JointFit, effect: Effect) -> bool:
+def has_steady_size(found: SearchState, final: JointFit, effect: Effect) -> bool:
     """Return whether an effect has one size over the recordings, or one until and another from some
     time on. What varies by more than half without such a time is made up from other structure, and
     does not predict another recording."""

@@ -499,7 +499,7 @@ CHANGES = [
         Change(
             "any-size-will-do",
             "models/diagnosis/findings/reported.py",
-            "(size_is_known(effect, value) and has_one_size(found, final, effect))",
+            "(size_is_known(effect, value) and has_steady_size(found, final, effect))",
             "size_is_known(effect, value)",
             "a drift is named that is half as large in one recording and twice in the next",
             tests=(
