@@ -1,24 +1,23 @@
 """Run all tests in five parts, and print one summary line for them.
 
-    python -m tests.parts [quick] [timing] [processes] [thorough] [alone]
+    python -m tests.parts [quick] [thorough] [timing] [processes] [alone]
 
 quick      tests that start no process, no zenoh session and no pty, on all processors; one worker
            runs a whole file, so that kernels are compiled and fixtures made once
 thorough   the same, for tests that take longer: identification, diagnosis, mismatch, recordings
-timing     tests that judge times and mostly wait, with a worker for each processor
+timing     tests that judge times and mostly wait, with a worker for each processor; nothing that
+           computes runs at the same time
 processes  tests that start something; those that share a module's rig run in one worker. There is
            one worker more than processors, because they often wait; with two more, loops and
            clients of several tests are late together
 alone      tests that judge times and need a processor to themselves, one after another
 
-The parts run one after another, except `thorough`: it only computes, and does so in the time that
-the processors have nothing else to do, while the tests of `timing` and `processes` wait. The system
-stops it whenever another process wants the processor (SCHED_IDLE), so that those are not late.
-Computation at an ordinary or a low priority next to them would make them late.
-
-Each part is given only the files with tests of it, because every worker imports all files that it
-is given. The longest files of `thorough` come first, so that no worker has one left when the others
-are done; by default xdist begins with the files with most tests.
+The parts run one after another: computation next to `processes` would make it late, and takes as
+long by itself. Not even where the system lets it run only in the gaps (SCHED_IDLE): a virtual
+machine that is always busy is stopped by its host more often. Each part is given only the files
+with tests of it, because every worker imports all files that it is given. The longest files of
+`thorough` come first, so that no worker has one left when the others are done; by default xdist
+begins with the files with most tests.
 
 Every part runs, even after one that failed, and no test is run twice. A plain `pytest` runs the
 same tests one by one. Exit status: 0 if all passed, else 1.
@@ -28,10 +27,8 @@ import os
 import re
 import subprocess
 import sys
-import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 
 from tests.rigs.starts import starts_something_always, starts_something_in
@@ -73,6 +70,10 @@ compile it."""
 JOBS = str(len(os.sched_getaffinity(0)))
 PARTS = {
     "quick": ["-n", JOBS, "--dist", "loadfile", "-m", "not processes and not thorough"],
+    "thorough": [
+        *("-n", JOBS, "--dist", "loadfile", "--no-loadscope-reorder"),
+        *("-m", "thorough and not processes"),
+    ],
     # native: pytest's own tracebacks parse the source, and if threads do so at once, CPython 3.11
     # ends with "AST constructor recursion depth mismatch" and takes the worker with it
     "timing": [
@@ -83,15 +84,8 @@ PARTS = {
         *("-n", str(int(JOBS) + 1), "--dist", "loadgroup", "--tb=native"),
         *("-m", "processes and not timing"),
     ],
-    "thorough": [
-        *("-n", JOBS, "--dist", "loadfile", "--no-loadscope-reorder"),
-        *("-m", "thorough and not processes"),
-        "--timeout=1800",  # s: in the gaps of a busy machine a test takes many times as long
-    ],
     "alone": ["-m", "alone"],
 }
-IN_THE_GAPS, HAVE_GAPS = "thorough", ("timing", "processes")
-"""The part that computes while the tests of those two wait."""
 SHOWN = ("failed", "passed", "skipped", "error")
 
 
@@ -120,44 +114,23 @@ def files_of(part: str) -> tuple[Path, ...]:
     return tuple(files)
 
 
-class Run:
-    """A run of one part that has been started. in_the_gaps: only while no other process wants the
-    processor; its output is then kept until it has ended."""
-
-    def __init__(self, part: str, in_the_gaps: bool = False) -> None:
-        self.part = part
-        command = [sys.executable, "-m", "pytest", "-q", *PARTS[part]]
-        command += [os.path.relpath(path) for path in files_of(part)]
-        self._kept = tempfile.TemporaryFile("w+") if in_the_gaps else None  # noqa: SIM115
-        self._process = subprocess.Popen(
-            command, stdout=self._kept or subprocess.PIPE, text=True, stdin=subprocess.DEVNULL
-        )
-        if in_the_gaps:  # before pytest starts its workers, which inherit it
-            os.sched_setscheduler(self._process.pid, os.SCHED_IDLE, os.sched_param(0))
-
-    def stop(self) -> None:
-        """End the run; pytest ends its workers itself."""
-        self._process.terminate()
-
-    def show(self) -> tuple[int, Counter[str]]:
-        """Show the output until the end; return pytest's exit status and the counts of its last
-        line."""
-        print(f"--- {self.part}", flush=True)
-        last = ""
-        for line in self._lines():
-            print(line, end="", flush=True)
-            last = line if line.strip() else last
-        found = re.findall(r"(\d+) (failed|passed|skipped|error)", last)
-        return self._process.wait(), Counter({word: int(count) for count, word in found})
-
-    def _lines(self) -> Iterator[str]:
-        if self._kept is None:
-            assert self._process.stdout is not None
-            yield from self._process.stdout
-        else:
-            self._process.wait()
-            self._kept.seek(0)
-            yield from self._kept
+def run(part: str) -> tuple[int, Counter[str]]:
+    """Run one part and show its output; return pytest's exit status and counts of its last line."""
+    print(f"--- {part}", flush=True)
+    command = [sys.executable, "-m", "pytest", "-q", *PARTS[part]]
+    command += [os.path.relpath(path) for path in files_of(part)]
+    last = ""
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            for line in process.stdout:
+                print(line, end="", flush=True)
+                last = line if line.strip() else last
+        except BaseException:
+            process.terminate()  # pytest ends its workers itself
+            raise
+    found = re.findall(r"(\d+) (failed|passed|skipped|error)", last)
+    return process.returncode, Counter({word: int(count) for count, word in found})
 
 
 def main(parts: list[str]) -> int:
@@ -165,22 +138,11 @@ def main(parts: list[str]) -> int:
     if unknown := set(parts) - PARTS.keys():
         print(f"no such part: {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
         return 2
-    wanted = [name for name in PARTS if not parts or name in parts]
     begun, counts, failed = time.monotonic(), Counter[str](), False
-    in_gaps = IN_THE_GAPS in wanted and hasattr(os, "SCHED_IDLE")
-    runs: dict[str, Run] = {}
-    try:
-        for name in wanted:
-            if name in HAVE_GAPS and in_gaps and IN_THE_GAPS not in runs:
-                runs[IN_THE_GAPS] = Run(IN_THE_GAPS, in_the_gaps=True)
-            if name not in runs:
-                runs[name] = Run(name)
-            code, found = runs[name].show()
+    for name in PARTS:
+        if not parts or name in parts:
+            code, found = run(name)
             counts, failed = counts + found, failed or code != 0
-    except BaseException:
-        for run in runs.values():
-            run.stop()
-        raise
     words = ", ".join(f"{counts[word]} {word}" for word in SHOWN if counts[word]) or "no tests ran"
     print(f"===== {words} in {time.monotonic() - begun:.0f} s =====")
     return int(failed)

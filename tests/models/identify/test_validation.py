@@ -9,8 +9,9 @@ from tests.rigs.outside import noisy, ordinary, stage
 
 from dehyst.models.errors import BadInput
 from dehyst.models.identify import Identification, identify
-from dehyst.models.identify.validation import SURE, Validation, validate
+from dehyst.models.identify.validation import Validation, validate
 from dehyst.models.recording import Recording
+from dehyst.models.signals.error_size import Z95
 
 FINE, EACH = 1e-4, 50  # the stage's own steps, and how many there are in a sample
 N = 1600
@@ -107,7 +108,7 @@ def test_rows_with_a_reading_are_judged_wherever_they_are() -> None:
         seen = np.where(row < last, one.displacement, np.nan)
         stopped = validate(found().model, replace(one, displacement=seen))
         assert np.isfinite([stopped.rms, stopped.offset, stopped.noise]).all()
-        assert stopped.chance < SURE / np.sqrt(0.9 * last)
+        assert stopped.chance < Z95 / np.sqrt(0.9 * last)
     at_late = np.append(False, np.diff(one.t_s) > 1.2 * np.median(np.diff(one.t_s)))
     at_late[1:] |= at_late[:-1].copy()
     only = read_at(at_late | (row < 60))
