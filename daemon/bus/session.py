@@ -339,8 +339,8 @@ class Bus(Closing):
 def _full(what: str) -> "zenoh.CongestionControl":
     """Return zenoh's congestion control for a topic's behaviour at a full link."""
     control = zenoh.CongestionControl
-    # not BLOCK_FIRST: it holds one message for each link, and loses the second of two that follow
-    # each other (a status and its event) whenever zenoh's thread does not run between them
+    # not BLOCK_FIRST: it holds one message for each link, and on a busy machine loses the second of
+    # two that follow each other, such as a status and its event
     return {"drop": control.DROP, "wait": control.BLOCK}[what]
 
 
