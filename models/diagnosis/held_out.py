@@ -1,7 +1,8 @@
 """How well a written model predicts what it was not fitted to.
 
 Each recording is left out in turn, with its own places, levels and rates; where there are so few
-that each may be the only one of its kind, each of their time blocks is left out instead. The linear
+that each may be the only one of its kind, each of their time blocks is left out instead, unless the
+drive is sampled at a few places again and again: then any block repeats the others. The linear
 weights follow from the other rows, the model is written from them as it is at the end, and
 simulated on the rows that were left out. Nonlinear parameters stay: a handful against thousands of
 rows.
@@ -138,7 +139,9 @@ def make_held_out_groups(
     drive: (N,) as it was recorded, on which models are simulated; of_recordings: each recording is
     a group, however few there are."""
     data = problem.data
-    of = data.rec if of_recordings or len(data.names) >= TUNING.few else data.block
+    many = len(data.names) >= TUNING.few
+    repeats = len(data.names) > 1 and problem.has_few_distinct_places
+    of = data.rec if of_recordings or many or repeats else data.block
     of_lines = _find_lines(problem, fit)
     groups, lines = [], []
     for g in np.unique(of[data.rows]):

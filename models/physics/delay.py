@@ -1,9 +1,11 @@
-"""A pure delay, y(t) = x(t - delay), and a lead of a fraction of a sample, v = x + tau dx/dt.
+"""A pure delay, y(t) = x(t - delay), and a lead, y(t) = x(t + tau).
 
 Past inputs are interpolated between samples by the cubic through the four nearest samples, and at
 the newest end by the parabola through the last three. Before the first sample the input equals the
 first one. A lead represents a recorder that reads late, or a stage whose rate is the derivative at
-a sample and not the difference from the previous one; dx/dt is that difference here.
+a sample and not the difference from the previous one. A lead of a fraction of a sample is
+x + tau dx/dt, where dx/dt is that difference. Whole samples are looked up where later samples are
+known; in a loop they are not, and the lead is extrapolated in the same way.
 """
 
 import math
@@ -16,7 +18,7 @@ from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, behind, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import Kind, Led, Param, Shifted, head_record
+from dehyst.models.physics.kind import SAME, Kind, Led, Param, Shifted, Values, head_record
 from dehyst.models.signals.filters import delayed
 from dehyst.models.signals.joined import Data, Floats
 
@@ -106,19 +108,34 @@ def step_lead(
     return y
 
 
+def _look_up(values: Values, x: Floats, t_s: Floats) -> tuple[Values, Floats]:
+    """Return the rest of a lead, and the input (N,) from as many whole samples later; after the
+    last sample the input keeps its value."""
+    if x.size < 2:
+        return values, x
+    period = float(np.median(np.diff(t_s)))
+    ahead = float(values["tau"][0]) / period
+    whole = np.floor(ahead + SAME)
+    if whole < 1.0:
+        return values, x
+    rest = max(ahead - whole, 0.0) * period
+    return values | {"tau": np.array([rest])}, np.interp(t_s + whole * period, t_s, x)
+
+
 def _start_lead(p: Floats, s: Floats, x: float) -> None:
     head_record(s, LEAD_STATE)["x"] = x
 
 
 LEAD = Kind(
     name="lead",
-    says="a lead of a part of a sample",
+    says="a lead",
     places=("drive", "stage", "sensor"),
     params=(Param("tau_s", "tau", "s", 0.0, 10.0, "time by which the output is ahead"),),
     packed=LEAD_PACKED,
     state=LEAD_STATE,
     step=step_lead,
     start=_start_lead,
+    foresee=_look_up,
     inverse=Led(lambda p: (-p[0], 0.0)),
 )
 

@@ -130,6 +130,11 @@ def held_key(data: Data) -> dict[str, float]:
 Inverse = Solved | Led | Shifted | Limited | Subtracted | Never
 
 
+def as_it_is(values: Values, x: Floats, t_s: Floats) -> tuple[Values, Floats]:
+    """Return parameters and input unchanged."""
+    return values, x
+
+
 def forgotten(p: Floats, s: Floats, x: float) -> None:
     """Set every number of the state to 0."""
     s[:] = 0.0
@@ -146,9 +151,11 @@ class Kind:
 
     packed: names of the packed parameters, in order; pack(values, dt) -> p, where packing is more
     than listing these; state: names of the state's numbers; size(p, dt): length of the state, where
-    further numbers follow the named ones; start(p, s, x): settle at x; check(values): a sentence if
-    parameters contradict each other, else ""; reach_assumes: the condition under which the stage's
-    reach equals that of a slow triangle, "" if it always does.
+    further numbers follow the named ones; start(p, s, x): settle at x; foresee(values, x, t_s):
+    the input (N,) with what is known of later samples, and the parameters of what the kernel still
+    has to do; check(values): a sentence if parameters contradict each other, else "";
+    reach_assumes: the condition under which the stage's reach equals that of a slow triangle, "" if
+    it always does.
     """
 
     name: str
@@ -162,6 +169,7 @@ class Kind:
     pack: Callable[[Values, float], Floats] | None = None
     size: Callable[[Floats, float], int] | None = None
     start: Callable[[Floats, Floats, float], None] = forgotten
+    foresee: Callable[[Values, Floats, Floats], tuple[Values, Floats]] = as_it_is
     channel: bool = False
     check: Callable[[Values], str] = lambda values: ""
     reach_assumes: str = ""
@@ -226,6 +234,7 @@ class Kind:
         if x.size == 0:
             return y
         dt = float(np.min(np.diff(t_s))) if x.size > 1 else 1.0
+        values, x = self.foresee(values, x, t_s)
         p, size = self.numbers(values, dt)
         s = np.zeros(size)
         self.start(p, s, float(x[0]))

@@ -2,6 +2,7 @@
 moves the stage and leaves what only affects the sensor."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -246,3 +247,25 @@ def test_a_shape_beside_the_hysteresis_is_followed() -> None:
     model = Model(hysteresis, Validity(0.0, 10.0), blocks=(shape,))
     assert _tracking(model, 0.0) < 0.02
     assert math.isfinite(_tracking(model, 0.1))
+
+
+@pytest.mark.parametrize("samples", [1.0, 2.0, 3.0])
+def test_a_lead_of_whole_samples_gives_what_the_later_samples_give(samples: float) -> None:
+    """Also where the drive jumps, on which an extrapolation overshoots and turns the plays."""
+    rng = np.random.default_rng(7)
+    u = np.repeat(rng.uniform(0.0, 10.0, 60), 20)
+    model = shipped("paper-eq12")
+    ahead = Block("lead", "drive", {"tau_s": samples * DT})
+    led = simulate_parts(replace(model, blocks=(ahead, *model.blocks)), DT, u).reading
+    later = simulate_parts(model, DT, u[int(samples) :]).reading
+    np.testing.assert_allclose(led[: later.size], later, atol=1e-9)
+
+
+def test_what_remains_of_a_lead_is_that_of_a_part_of_a_sample() -> None:
+    u = 5.0 + 4.0 * np.sin(2 * np.pi * 3.0 * DT * np.arange(1000))
+    model = shipped("paper-eq12")
+    leads = [Block("lead", "drive", {"tau_s": samples * DT}) for samples in (1.4, 0.4)]
+    led, part = (replace(model, blocks=(one, *model.blocks)) for one in leads)
+    np.testing.assert_allclose(
+        simulate_parts(led, DT, u).reading[:-1], simulate_parts(part, DT, u[1:]).reading, atol=1e-9
+    )

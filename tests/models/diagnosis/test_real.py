@@ -115,6 +115,8 @@ def test_readings_a_row_early_are_a_fault_of_the_recorder_and_nothing_else() -> 
     assert [b.params["tau_s"] for b in leads] == [pytest.approx(1e-3)]
     left = rig.held.displacement - predict(d.base_model, rig.held).displacement
     assert np.std(left) < 0.5 * rig.noise
+    assert "hold.csv" in d.rms["model"]  # its drive jumps
+    assert max(d.rms["model"].values()) < 1.1 * rig.noise
 
 
 def test_a_model_that_leads_is_judged_on_the_drive_as_it_was_recorded() -> None:

@@ -150,6 +150,24 @@ def test_the_error_of_each_recording_left_out_is_known() -> None:
     assert left.mean_square < left.of_each[1] ** 2
 
 
+@pytest.mark.parametrize(("samples_per_period", "groups"), [(10, 2), (1000, 10)])
+def test_blocks_that_repeat_each_other_are_left_out_together(
+    samples_per_period: int, groups: int
+) -> None:
+    """Of two sizes of a loop that is read at ten places a block tells nothing that others do not;
+    read densely, the noise and the places of each differ."""
+    u = 5.0 + 4.0 * np.sin(2 * np.pi * np.arange(3000) / samples_per_period)
+    noise = NOISE * np.random.default_rng(1).standard_normal(u.size)
+    given = [
+        Recording(DT * np.arange(u.size), size * u, size * u + noise, name=f"{size}")
+        for size in (1.0, 0.8)
+    ]
+    data = prepare(given)
+    problem = Problem(data, rich_base(data))
+    held_out = make_held_out_groups(problem, problem.solve([]), data.u)
+    assert len(held_out.groups) == groups
+
+
 def test_of_what_comes_by_itself_only_a_line_is_not_held_against_a_model() -> None:
     """Two scans with hum, and with creep from before each began."""
     hum_um, creep_um, given = 0.05, 0.2, []

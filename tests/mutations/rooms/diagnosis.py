@@ -630,6 +630,22 @@ CHANGES = [
             "a stage whose recorder is off by a row is said to have a loop of another shape",
         ),
         Change(
+            "a-lead-overshoots",
+            "models/physics/delay.py",
+            "    if whole < 1.0:",
+            "    if True:",
+            "a recorder that is off by a row leaves micrometres after each step",
+            tests=("tests/models/cascade/test_cascade.py",),
+        ),
+        Change(
+            "blocks-that-repeat-each-other",
+            "models/diagnosis/held_out.py",
+            "or many or repeats else",
+            "or many else",
+            "a loop read at ten places is said to be explained by a fit of these places",
+            tests=("tests/models/diagnosis/test_written_model.py",),
+        ),
+        Change(
             "judged-on-the-moved-drive",
             "models/diagnosis/held_out.py",
             "HeldOutGroups(replace(data, u=drive),",
