@@ -36,6 +36,10 @@ from dehyst.models.model import Model
 from dehyst.models.signals.joined import Data
 from dehyst.models.signals.pasts import FRESH
 
+MOST_LEFT = 1.0
+"""Power of the noise: most that may be left beside it where a misfit counts as explained. Another
+drive then has 1.4 times the noise, and seldom more than 1.5."""
+
 
 @dataclass(frozen=True)
 class WrittenModel:
@@ -57,16 +61,15 @@ class WrittenModel:
     alone: float | None = None
 
     def explains(self, noise: float) -> bool:
-        """Return whether something was gained and the remaining error is near the noise [rms]."""
-        near = self.held.known <= (TUNING.near * noise) ** 2
-        return self.gained and near and self.holds_in_each_alone(noise)
+        """Return whether something was gained, and what is left beside the noise [rms] is no larger
+        than the noise."""
+        is_small = self.held.known <= (1.0 + MOST_LEFT) * noise**2
+        return self.gained and is_small and self.holds_in_each_alone(noise)
 
     def holds_in_each_alone(self, noise: float) -> bool:
-        """Return whether the error of each of two recordings is near the noise [rms] when fitted to
-        the other. Half of the rows were fitted, so its power beyond the noise may be twice as
-        large."""
-        beyond = 2.0 * (TUNING.near**2 - 1.0)
-        return self.alone is None or self.alone <= (1.0 + beyond) * noise**2
+        """Return whether the same holds of each of two recordings when fitted to the other. Half of
+        the rows were fitted, so twice as much may be left."""
+        return self.alone is None or self.alone <= (1.0 + 2.0 * MOST_LEFT) * noise**2
 
 
 def choose_written_model(

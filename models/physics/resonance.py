@@ -265,6 +265,10 @@ class Resonance(Candidate):
         mirrored = abs(frequency - self._rate * round(frequency / self._rate))
         if damping * frequency > NO_RING * mirrored:
             return "its ringing is not visible in the samples: a lag or a delay has the same effect"
+        if frequency > 0.5 * self._rate:
+            fastest = fastest_hz(data.u, data.part, data.period)
+            if mirrored < RINGS_WITHIN * fastest < 0.5 * self._rate:
+                return "its ringing appears among the drive's own frequencies: nothing excites it"
         return ""
 
 

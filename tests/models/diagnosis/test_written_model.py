@@ -310,7 +310,15 @@ def test_what_is_left_in_rows_left_out_is_not_explained() -> None:
     assert found.verdict == "partly"
 
 
-@pytest.mark.parametrize(("alone", "explained"), [(None, True), (1.8, True), (2.0, False)])
+@pytest.mark.parametrize(("left", "explained"), [(1.4, True), (1.43, False)])
+def test_as_much_as_the_noise_may_be_left_beside_it(left: float, explained: bool) -> None:
+    held = HeldOutErrors(left**2, left**2, (left, left))
+    data = prepare(recorded())
+    model = fit_plain_model(data, THRESHOLDS * data.span)
+    assert WrittenModel(model, held, held, gained=True).explains(1.0) is explained
+
+
+@pytest.mark.parametrize(("alone", "explained"), [(None, True), (1.7, True), (1.8, False)])
 def test_half_of_the_rows_may_leave_twice_the_power_beyond_the_noise(
     alone: float | None, explained: bool
 ) -> None:

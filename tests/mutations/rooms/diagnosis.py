@@ -507,10 +507,18 @@ CHANGES = [
             ),
         ),
         Change(
+            "more-than-the-noise-is-left",
+            HANDOUT,
+            "MOST_LEFT = 1.0",
+            "MOST_LEFT = 1.25",
+            "a misfit is said to be explained where another drive has more than 1.5 noises",
+            tests=("tests/models/diagnosis/test_written_model.py",),
+        ),
+        Change(
             "two-recordings-that-differ-are-explained",
             HANDOUT,
-            "return self.gained and near and self.holds_in_each_alone(noise)",
-            "return self.gained and near",
+            "return self.gained and is_small and self.holds_in_each_alone(noise)",
+            "return self.gained and is_small",
             "a drift that is another in each recording is said to be explained",
             tests=(
                 "tests/benchmarks/models/test_proof.py::test_what_two_recordings_do_not_predict_of_each_other_is_not_explained",
@@ -644,6 +652,14 @@ CHANGES = [
             "or many else",
             "a loop read at ten places is said to be explained by a fit of these places",
             tests=("tests/models/diagnosis/test_written_model.py",),
+        ),
+        Change(
+            "an-alias-of-the-drive",
+            "models/physics/resonance.py",
+            "            if mirrored < RINGS_WITHIN * fastest < 0.5 * self._rate:",
+            "            if False:",
+            "a clean stage whose recorder is off by a row is said to ring near the sampling rate",
+            tests=("tests/models/physics/test_mode_above_half_the_rate.py",),
         ),
         Change(
             "judged-on-the-moved-drive",
