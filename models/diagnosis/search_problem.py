@@ -20,6 +20,7 @@ from dehyst.models.diagnosis.diagnosed_model import (
 )
 from dehyst.models.diagnosis.evidence import blockwise_held_out_error
 from dehyst.models.diagnosis.findings.episodes import Episode, find_episodes
+from dehyst.models.diagnosis.findings.stage_changes import find_stage_change
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import base_error, misfit_beyond_noise, try_candidate
@@ -122,6 +123,8 @@ def choose_base(
         fed = fed.with_problem(replace(fed.problem, data=finer)).with_estimated_noise()
     # what acts for part of the time is reported with that time; no other physics explains it
     episode = find_episodes(finer, fed.null.residual(finer), fed.sigma)
+    if episode is None:
+        episode = find_stage_change(fed.problem, fed.null, fed.sigma)
     if episode is not None:
         fed = fed.with_problem(
             replace(fed.problem, data=replace(finer, y=finer.y - episode.removed))

@@ -14,7 +14,11 @@ from dehyst.models.diagnosis.findings.decide import (
     report_unknown,
     sort_by_strength,
 )
-from dehyst.models.diagnosis.findings.episodes import describe_residual_change, find_episodes
+from dehyst.models.diagnosis.findings.episodes import (
+    Episode,
+    describe_residual_change,
+    find_episodes,
+)
 from dehyst.models.diagnosis.findings.reported import without_effects_of_kind
 from dehyst.models.diagnosis.findings.shape import mark_not_written
 from dehyst.models.diagnosis.findings.weigh import Conclusion, conclude, with_episode
@@ -75,13 +79,14 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
     in_use = HeldOutErrors(first, first, ())
     written = WrittenModel(bare.diagnosed.model, in_use, in_use)
     if BUTTERFLY_WARNING not in searched.warnings:  # no model of a butterfly can be inverted
-        written = choose_written_model(searched.whole, bare, one.conclusion, found.sigma)
+        as_read = _with_stage_change(one.conclusion, searched.episode)
+        written = choose_written_model(searched.whole, bare, as_read, found.sigma)
     findings = [
         f if f.name == "shape" or f.key in written.contains else mark_not_written(f)
         for f in one.findings
         if not (lost and f.name == "shape")
     ]
-    if verdict in ("unknown", "partly"):
+    if verdict in ("unknown", "partly") and not any(f.name == "unknown" for f in findings):
         findings.append(_rest(data, one, sum(f.share for f in findings)))
     if verdict == "explained" and not written.explains(noise):
         verdict = "partly"
@@ -126,6 +131,17 @@ def _without_the_doubtful(one: _Weighed) -> SearchState:
     if before - after < (TUNING.half * one.left) ** 2:
         return fewer
     return without_effects_of_kind(found, lambda c: c.slow and not c.past)
+
+
+def _with_stage_change(conclusion: Conclusion, episode: Episode | None) -> Conclusion:
+    """Return the conclusion with its fit of the readings as they are, where a change of the stage
+    was subtracted from them."""
+    if episode is None or not episode.of_stage:
+        return conclusion
+    problem = conclusion.problem
+    data = problem.data
+    problem = replace(problem, data=replace(data, y=data.y + episode.removed))
+    return replace(conclusion, problem=problem, final=problem.refit(conclusion.final.effects))
 
 
 def _rest(data: Data, one: _Weighed, named: float) -> Finding:

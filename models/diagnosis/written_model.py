@@ -37,8 +37,8 @@ from dehyst.models.signals.joined import Data
 from dehyst.models.signals.pasts import FRESH
 
 MOST_LEFT = 1.0
-"""Power of the noise: most that may be left beside it where a misfit counts as explained. Another
-drive then has 1.4 times the noise, and seldom more than 1.5."""
+"""Largest mean square that an explained misfit may leave in addition to the noise, relative to the
+noise. Another drive then has 1.4 times the noise, and seldom more than 1.5."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ class WrittenModel:
     alone: float | None = None
 
     def explains(self, noise: float) -> bool:
-        """Return whether something was gained, and what is left beside the noise [rms] is no larger
-        than the noise."""
+        """Return whether something was gained, and what is left in addition to the noise [rms] is no
+        larger than the noise."""
         is_small = self.held.known <= (1.0 + MOST_LEFT) * noise**2
         return self.gained and is_small and self.holds_in_each_alone(noise)
 

@@ -37,6 +37,8 @@ def decide_verdict(
     structure = TUNING.strong * floor
     if not findings:
         return "unknown" if at_first > structure else "clean"
+    if any(f.name == "unknown" for f in findings):
+        return "unknown" if all(f.name == "unknown" for f in findings) else "partly"
     if left <= TUNING.clear * floor or left**2 <= TUNING.crumb * at_first**2:
         return "explained"
     if all(f.name == "shape" for f in findings):

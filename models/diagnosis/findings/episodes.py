@@ -33,10 +33,12 @@ CHANGES_BY = 5.0  # with a power this many times that on the other side
 
 @dataclass(frozen=True)
 class Episode:
-    """A finding and the (N,) contribution that it removes from the residual."""
+    """A finding and the (N,) contribution that it removes from the residual. of_stage: the stage
+    itself changes, so that a model is judged by the readings with the change in them."""
 
     finding: Finding
     removed: Floats
+    of_stage: bool = False
 
 
 def find_episodes(data: Data, residual: Floats, sigma: float) -> Episode | None:

@@ -622,6 +622,30 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/models/diagnosis/test_stage_changes.py",),
+        Change(
+            "a-ramp-is-a-sudden-change",
+            "models/diagnosis/findings/stage_changes.py",
+            "    if remaining > TUNING.minor * left:",
+            "    if remaining > TUNING.half * left:",
+            "a stage that drifts is said to have changed suddenly",
+        ),
+        Change(
+            "no-sudden-change",
+            "models/diagnosis/search_problem.py",
+            "    if episode is None:\n        episode = find_stage_change",
+            "    if False:\n        episode = find_stage_change",
+            "a preload that slips is reported as creep or drift",
+        ),
+        Change(
+            "judged-without-its-change",
+            "models/diagnosis/verdict.py",
+            "    if episode is None or not episode.of_stage:",
+            "    if True:",
+            "a model of a stage that has changed predicts its recordings worse than before",
+        ),
+    ),
+    *room(
         ("tests/models/diagnosis/test_real.py",),
         Change(
             "never-a-row-off",
