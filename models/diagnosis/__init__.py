@@ -12,11 +12,12 @@ screen.py ranks the candidates of dehyst.models.physics, shortlist.py decides wh
 judge.py decides which may count, search.py accepts one after the other, evidence.py holds data out,
 intervals.py computes the intervals. findings/ is what is reported: reported.py drops effects that
 are not known well enough, rivals.py finds near-ties, shape.py reports what the base explains of the
-misfit of the model in use, episodes.py finds lines present for part of the time, spans.py effects
-that begin or end within a recording, weigh.py decides what helps, decide.py writes the findings and
-the verdict, limits.py computes what would have been seen. augment.py writes a model,
-written_model.py chooses the one that is written and rejects those that diverge. steps.py runs the
-states in order, each frozen and made from the one before:
+misfit of the model in use, episodes.py finds lines present for part of the time, stage_changes.py a
+sudden change of the stage itself, spans.py effects that begin or end within a recording, weigh.py
+decides what helps, decide.py writes the findings and the verdict, limits.py computes what would
+have been seen. augment.py writes a model, written_model.py chooses the one that is written and
+rejects those that diverge. steps.py runs the states in order, each frozen and made from the one
+before:
 
     Prepared, SearchProblem    search_problem.py: the recordings and the model in use; base and
                                drive of the search

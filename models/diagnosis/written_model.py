@@ -61,8 +61,8 @@ class WrittenModel:
     alone: float | None = None
 
     def explains(self, noise: float) -> bool:
-        """Return whether something was gained, and what is left in addition to the noise [rms] is no
-        larger than the noise."""
+        """Return whether something was gained, and no more than the noise [rms] is left in addition
+        to it."""
         is_small = self.held.known <= (1.0 + MOST_LEFT) * noise**2
         return self.gained and is_small and self.holds_in_each_alone(noise)
 
