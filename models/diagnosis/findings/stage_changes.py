@@ -42,11 +42,11 @@ def find_stage_change(problem: Problem, null: JointFit, sigma: float) -> Episode
     if not changes:
         return None
     each = np.concatenate(columns, axis=1)
-    project = problem.projector(null)
-    own, rest = project(each), project(null.residual(data)[:, None])[:, 0]
+    own, rest = problem.projector(null)(each), null.residual(data)[problem.row_index]
     amplitudes = np.linalg.lstsq(own, rest, rcond=None)[0]
-    mean_square = float(np.mean((rest - own @ amplitudes) ** 2))
-    remaining = max(mean_square - sigma**2, 0.0)
+    free = rest.size - null.design.shape[1] - own.shape[1]
+    sse = float(np.sum((rest - own @ amplitudes) ** 2))
+    remaining = max(sse / max(free, 1) - sigma**2, 0.0)
     if remaining > TUNING.minor * left:
         return None
     removed = each @ amplitudes

@@ -631,6 +631,13 @@ CHANGES = [
             "a stage that drifts is said to have changed suddenly",
         ),
         Change(
+            "noise-is-a-sudden-change",
+            "models/diagnosis/findings/stage_changes.py",
+            "    free = rest.size - null.design.shape[1] - own.shape[1]",
+            "    free = rest.size",
+            "a stage of few readings that creeps is said to have changed suddenly",
+        ),
+        Change(
             "no-sudden-change",
             "models/diagnosis/search_problem.py",
             "    if episode is None:\n        episode = find_stage_change",
