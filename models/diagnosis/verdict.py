@@ -82,7 +82,7 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
         as_read = _with_stage_change(one.conclusion, searched.episode)
         written = choose_written_model(searched.whole, bare, as_read, found.sigma)
     findings = [
-        f if f.name == "shape" or f.key in written.contains else mark_not_written(f)
+        f if f.name in ("shape", "unknown") or f.key in written.contains else mark_not_written(f)
         for f in one.findings
         if not (lost and f.name == "shape")
     ]
