@@ -268,7 +268,7 @@ class Resonance(Candidate):
         if frequency > 0.5 * self._rate:
             fastest = fastest_hz(data.u, data.part, data.period)
             if mirrored < RINGS_WITHIN * fastest < 0.5 * self._rate:
-                return "its ringing appears among the drive's own frequencies: nothing excites it"
+                return "its alias lies among a smooth drive's frequencies: nothing excites it"
         return ""
 
 

@@ -33,7 +33,7 @@ def decide_verdict(
     """Return clean, explained, partly or unknown. Rms beyond the noise: left, at_first: of the
     augmented model and of the model in use; any_loop: of a loop of any shape without physics,
     against which the explained part is measured. floor: rms of the noise, or the smallest error of
-    any base."""
+    any base. Where the stage itself changed, not all is explained."""
     structure = TUNING.strong * floor
     if not findings:
         return "unknown" if at_first > structure else "clean"

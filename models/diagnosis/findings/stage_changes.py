@@ -32,13 +32,14 @@ def find_stage_change(problem: Problem, null: JointFit, sigma: float) -> Episode
     light = problem.with_fewer_rows(TUNING.limit_rows)
     screen = Screen(light, light.solve([]))
     x = screen.output - screen.output.mean()
-    columns, changes = [], []
+    columns, changes, gains = [], [], []
     for i, name in enumerate(data.names):
         at_s, gain = _best_time(screen, x, i)
         if gain > TUNING.crumb * float(screen.r @ screen.r):
             since = ((data.rec == i) & (data.t >= at_s)).astype(float)
             columns.append(np.column_stack([since * x, since]))
             changes.append((name, at_s))
+            gains.append(gain)
     if not changes:
         return None
     each = np.concatenate(columns, axis=1)
@@ -52,11 +53,11 @@ def find_stage_change(problem: Problem, null: JointFit, sigma: float) -> Episode
     removed = each @ amplitudes
     sizes = amplitudes.reshape(-1, 2)
     says = "; ".join(
-        f"at {at_s:.3g} s of {name} its gain changes by {100.0 * gain:+.2g} % and its mean level "
+        f"at {at_s:.3g} s of {name} its gain changes by {100.0 * more:+.2g} % and its mean level "
         f"by {format_length((float(level), data.unit))}"
-        for (name, at_s), (gain, level) in zip(changes, sizes, strict=True)
+        for (name, at_s), (more, level) in zip(changes, sizes, strict=True)
     )
-    name, at_s = changes[int(np.argmax(np.abs(sizes[:, 0])))]
+    place, when_s = changes[int(np.argmax(gains))]
     finding = Finding(
         name="unknown",
         key="unknown",
@@ -68,7 +69,7 @@ def find_stage_change(problem: Problem, null: JointFit, sigma: float) -> Episode
         evidence={"removed_rms": float(np.sqrt(left - remaining))},
         parameters={},
         ambiguous_with=(),
-        where={"recording": name, "from_s": at_s},
+        where={"recording": place, "from_s": when_s},
         says=(
             f"The stage changes suddenly: {says}. No model predicts this: look for what was moved, "
             "loaded or switched then (mounting, preload, the gauge's range)."

@@ -47,7 +47,8 @@ def test_a_sudden_change_is_told_with_its_time_and_no_slow_physics(changed: Stag
     for one in rig.given:
         told = change.says.partition(f" s of {one.name}")[0].rpartition("at ")[2]
         assert float(told) == pytest.approx(CHANGES_AT * one.t_s[-1], abs=0.1)
-    assert change.where["recording"] in [one.name for one in rig.given]
+    (place,) = [one for one in rig.given if one.name == change.where["recording"]]
+    assert change.where["from_s"] == pytest.approx(CHANGES_AT * place.t_s[-1], abs=0.1)
 
 
 def test_the_written_model_is_judged_by_the_readings_as_they_are(changed: Stage) -> None:
