@@ -9,7 +9,7 @@ SAY_CODE = case $$code in \
 	77) echo "dehyst demo: exit status 77: not judged, this machine was too busy; run it again" >&2;; \
 	1) echo "dehyst demo: exit status 1: the error did not fall, or the effect was not named correctly" >&2;; esac
 
-.PHONY: demo first-act test quick check kernels lint types contracts docs reference interpreters release concealed proof fuzz mutate clean
+.PHONY: demo first-act test quick long check kernels lint types contracts docs reference interpreters release concealed proof fuzz mutate clean
 
 # recorded, identified, compensated; then an effect drawn by chance appears, is flagged, named and
 # compensated. dehyst demo ends with 0: so it was, 1: it was not, 77: this machine was too busy to
@@ -28,7 +28,11 @@ test: kernels
 quick: kernels
 	$(BIN)/python -m tests.parts quick
 
-check: lint types contracts docs test
+# what `make test` leaves out because it takes longer; see tests/long.py
+long: kernels
+	$(BIN)/python -m tests.parts --long
+
+check: lint types contracts docs test long
 
 # numba compiles each kernel once and keeps it; without this the first start of a process would
 kernels: $(READY)

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from tests.long import is_long
 from tests.parts import is_of, is_thorough
 from tests.rigs import starts
 
@@ -61,7 +62,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("processes")
         if is_thorough(item.path):
             item.add_marker("thorough")
+        if is_long(item.nodeid):
+            item.add_marker("long")
         marked = {mark.name for mark in item.iter_markers()}
+        assert "long" not in marked or marked & {"processes", "thorough"}, (
+            f"{item.nodeid} is quick: it may not be left to `make long`"
+        )
         parts = {"processes", "timing", "alone"} & marked
         for part in parts if marked & {"processes", "thorough"} else {"quick"}:
             assert is_of(item.path, part), (

@@ -1,6 +1,9 @@
 """Run all tests in five parts, and print one summary line for them.
 
     python -m tests.parts [quick] [thorough] [timing] [processes] [alone]
+    python -m tests.parts --long
+
+With --long, it runs the tests that are named in tests/long.py, and otherwise all others.
 
 quick      tests that start no process, no zenoh session and no pty, on all processors; one worker
            runs a whole file, so that kernels are compiled and fixtures made once
@@ -31,6 +34,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+from tests.long import may_hold
 from tests.rigs.starts import starts_something_always, starts_something_in
 
 TESTS = Path(__file__).resolve().parent
@@ -69,23 +73,21 @@ file compiles the diagnosis; the ones that start next to it do not need it, or b
 compile it."""
 JOBS = str(len(os.sched_getaffinity(0)))
 PARTS = {
-    "quick": ["-n", JOBS, "--dist", "loadfile", "-m", "not processes and not thorough"],
-    "thorough": [
-        *("-n", JOBS, "--dist", "loadfile", "--no-loadscope-reorder"),
-        *("-m", "thorough and not processes"),
-    ],
+    "quick": ("not processes and not thorough", ["-n", JOBS, "--dist", "loadfile"]),
+    "thorough": (
+        "thorough and not processes",
+        ["-n", JOBS, "--dist", "loadfile", "--no-loadscope-reorder"],
+    ),
     # native: pytest's own tracebacks parse the source, and if threads do so at once, CPython 3.11
     # ends with "AST constructor recursion depth mismatch" and takes the worker with it
-    "timing": [
-        *("-n", JOBS, "--dist", "loadgroup", "--tb=native"),
-        *("-m", "timing and not alone"),
-    ],
-    "processes": [
-        *("-n", str(int(JOBS) + 1), "--dist", "loadgroup", "--tb=native"),
-        *("-m", "processes and not timing"),
-    ],
-    "alone": ["-m", "alone"],
+    "timing": ("timing and not alone", ["-n", JOBS, "--dist", "loadgroup", "--tb=native"]),
+    "processes": (
+        "processes and not timing",
+        ["-n", str(int(JOBS) + 1), "--dist", "loadgroup", "--tb=native"],
+    ),
+    "alone": ("alone", []),
 }
+"""Each part's marks and how pytest runs it."""
 SHOWN = ("failed", "passed", "skipped", "error")
 
 
@@ -105,20 +107,23 @@ def is_of(path: Path, part: str) -> bool:
     return f"mark.{part}" in path.read_text(encoding="utf-8")
 
 
-def files_of(part: str) -> tuple[Path, ...]:
+def files_of(part: str, long: bool) -> tuple[Path, ...]:
     """Return the files with tests of this part, the longest first; they may have others too."""
     files = [path for path in sorted(TESTS.rglob("test_*.py")) if is_of(path, part)]
+    files = [path for path in files if may_hold(str(path.relative_to(TESTS)), long)]
     if part == "thorough":
         places = {name: place for place, name in enumerate(LONGEST)}
         files.sort(key=lambda path: places.get(str(path.relative_to(TESTS)), len(LONGEST)))
     return tuple(files)
 
 
-def run(part: str) -> tuple[int, Counter[str]]:
+def run(part: str, long: bool) -> tuple[int, Counter[str]]:
     """Run one part and show its output; return pytest's exit status and counts of its last line."""
     print(f"--- {part}", flush=True)
-    command = [sys.executable, "-m", "pytest", "-q", *PARTS[part]]
-    command += [os.path.relpath(path) for path in files_of(part)]
+    marks, options = PARTS[part]
+    chosen = f"{marks} and {'long' if long else 'not long'}"
+    command = [sys.executable, "-m", "pytest", "-q", *options, "-m", chosen]
+    command += [os.path.relpath(path) for path in files_of(part, long)]
     last = ""
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -133,15 +138,16 @@ def run(part: str) -> tuple[int, Counter[str]]:
     return process.returncode, Counter({word: int(count) for count, word in found})
 
 
-def main(parts: list[str]) -> int:
+def main(arguments: list[str]) -> int:
     """Run these parts, or all of them if none is named."""
-    if unknown := set(parts) - PARTS.keys():
+    long, names = "--long" in arguments, [one for one in arguments if one != "--long"]
+    if unknown := set(names) - PARTS.keys():
         print(f"no such part: {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
         return 2
     begun, counts, failed = time.monotonic(), Counter[str](), False
-    for name in PARTS:
-        if not parts or name in parts:
-            code, found = run(name)
+    for part in names or PARTS:
+        if part != "quick" or not long:
+            code, found = run(part, long)
             counts, failed = counts + found, failed or code != 0
     words = ", ".join(f"{counts[word]} {word}" for word in SHOWN if counts[word]) or "no tests ran"
     print(f"===== {words} in {time.monotonic() - begun:.0f} s =====")

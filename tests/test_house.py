@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from tests.long import LONG
 from tests.rigs.starts import Started, guard, starting
 
 TESTS = Path(__file__).resolve().parent
@@ -71,3 +72,13 @@ def test_nothing_under_tests_imports_a_benchmark() -> None:
                 names = [getattr(node, "module", None) or ""]
                 names += [a.name for a in getattr(node, "names", []) if isinstance(a, ast.alias)]
                 assert not any("benchmarks" in name for name in names), (path, names)
+
+
+@pytest.mark.parametrize("path", sorted({path for kind in LONG.values() for path in kind}))
+def test_what_is_left_to_make_long_is_there(path: str) -> None:
+    """A name that no test has would leave a test where its author believes it is not."""
+    tree = ast.parse((TESTS / path).read_text(encoding="utf-8"))
+    tests = [node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    for begin in (name for kind in LONG.values() for name in kind.get(path, ())):
+        name, params, _ = begin.partition("[")
+        assert any(test == name if params else test.startswith(name) for test in tests), begin

@@ -158,14 +158,21 @@ def undisturbed(
 ) -> tuple[T, np.ndarray]:
     """Return the value of `act` and the loop's samples meanwhile, from the first of three attempts
     in which neither this process stood still nor the loop for longer than longest_s; if there is
-    none, the test is skipped."""
+    none, the test is skipped. An exception in such an attempt is raised, in another it says
+    nothing."""
     for _ in range(3):
         first = loop.seq
+        failed: Exception | None = None
         with noted_pauses() as pauses:
-            value = act()
+            try:
+                value = act()
+            except Exception as error:  # whatever it is: raised below
+                failed = error
         samples = loop.samples(first)
         own_s, pause_s = max(pauses), longest_pause_s(samples)
         if own_s <= STANDSTILL_S and pause_s <= longest_s:
+            if failed is not None:
+                raise failed
             return value, samples
     pytest.skip(
         f"nothing can be judged: in the last of three attempts the loop stood still for "

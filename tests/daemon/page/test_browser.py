@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from dehyst.daemon.bus.messages import DoctorReport, Event, FoundEffect, ModelOf
 from dehyst.daemon.bus.session import Bus
 from dehyst.daemon.bus.topics import DOCTOR, EVENT, subject
 from dehyst.daemon.files.models import save_model
+from dehyst.models.errors import DehystError
 
 pytestmark = needs_chromium
 MARKUP = "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'</script>"
@@ -393,8 +395,15 @@ def test_accepting_asks_where_the_trajectory_in_play_may_be_cut(
     accept = window.chrome.find_element("id", "accept")
     question = window.chrome.find_element("id", "question")
     t_s = np.arange(0.0, 60.0, 0.01)
+    over = threading.Event()
     with service.client() as client:
-        player = threading.Thread(target=client.play, args=(t_s, 8.0 + np.sin(t_s)), daemon=True)
+
+        def play() -> None:
+            while not over.is_set():  # again where this machine stood still and it starved
+                with suppress(DehystError):
+                    client.play(t_s, 8.0 + np.sin(t_s))
+
+        player = threading.Thread(target=play, daemon=True)
         player.start()
         window.until("it plays", lambda: not client.status().trajectory_done)
         window.until("the page knows it", lambda: "running" in window.text("state"))
@@ -406,6 +415,7 @@ def test_accepting_asks_where_the_trajectory_in_play_may_be_cut(
             window.until("it has closed", lambda: not question.is_displayed())
             where = "doctor-says" if answer == "no" else "said"
             window.until("what follows", lambda f=follows, w=where: f in window.text(w))  # type: ignore[misc]
+        over.set()
         client.stop()
         player.join(20.0)
     assert window.complaints() == []
