@@ -75,8 +75,13 @@ def say_verdict(diagnosis: Diagnosis) -> str:
         return f"{first}: nothing was left out that these recordings could show."
     if diagnosis.verdict == "explained":
         return f"{first}; {causes} {explain} it, and the augmented model leaves {after:.3g} {unit}."
-    if known:
+    if known and any(f.name == "unknown" for f in diagnosis.findings):
         return f"{first}; {causes} {explain} a part, and {after:.3g} {unit} are left unexplained."
+    if known:
+        return (
+            f"{first}; {causes} {explain} it, but the augmented model does not predict all of it: "
+            f"it leaves {after:.3g} {unit}."
+        )
     return f"{first}, and nothing in the library explains it."
 
 

@@ -83,11 +83,10 @@ class Refitted(WritableFit):
 
 
 class HeldOutErrors(NamedTuple):
-    """Errors on rows that were left out. mean_square, known: of all of them, before and after
-    removing lines, whose phases no model can know; of_each: rms of each recording."""
+    """Errors on rows that were left out. mean_square: of all of them; of_each: rms of each
+    recording."""
 
     mean_square: float
-    known: float
     of_each: tuple[float, ...]
 
     def worsens(self, other: "HeldOutErrors", margin: float) -> bool:
@@ -99,26 +98,21 @@ class HeldOutErrors(NamedTuple):
 
 @dataclass(frozen=True)
 class HeldOutGroups:
-    """Groups of rows that are left out together, and the lines in each."""
+    """Groups of rows that are left out together."""
 
     data: Data
     groups: tuple[Bools, ...]  # (N,) each
-    lines: tuple[Floats, ...]  # columns of a sine and a cosine each, on each group's counted rows
 
     def held_out_errors(self, write: Callable[[Bools], Model]) -> HeldOutErrors:
         """Return the errors of the models, each written without its group, offsets removed."""
-        sums, each = np.zeros(2), np.zeros((2, len(self.data.names)))
-        for group, lines in zip(self.groups, self.lines, strict=True):
+        each = np.zeros((2, len(self.data.names)))
+        for group in self.groups:
             left = self._error(write(group), group)
-            rest = (
-                left - lines @ np.linalg.lstsq(lines, left, rcond=None)[0] if lines.size else left
-            )
-            sums += left @ left, rest @ rest
             each[:, self.data.rec[np.argmax(group)]] += np.array([left @ left, left.size])
-        count = sum(int((g & self.data.rows).sum()) for g in self.groups)
-        sums = np.where(np.isfinite(sums), sums, np.inf) / max(count, 1)
+        total, count = each.sum(axis=1)
         of_each = np.sqrt(each[0] / np.maximum(each[1], 1.0))
-        return HeldOutErrors(float(sums[0]), float(sums[1]), tuple(of_each.tolist()))
+        mean_square = float(total / max(count, 1.0)) if np.isfinite(total) else np.inf
+        return HeldOutErrors(mean_square, tuple(of_each.tolist()))
 
     def _error(self, model: Model, group: Bools) -> Floats:
         """Return the error on the group's counted rows, less its mean over the recording's other
@@ -133,32 +127,16 @@ class HeldOutGroups:
 
 
 def make_held_out_groups(
-    problem: Problem, fit: JointFit, drive: Floats, of_recordings: bool = False
+    problem: Problem, drive: Floats, of_recordings: bool = False
 ) -> HeldOutGroups:
-    """Return the groups of a problem. fit: with all effects, of which some may be lines;
-    drive: (N,) as it was recorded, on which models are simulated; of_recordings: each recording is
-    a group, however few there are."""
+    """Return the groups of a problem. drive: (N,) as it was recorded, on which models are
+    simulated; of_recordings: each recording is a group, however few there are."""
     data = problem.data
     many = len(data.names) >= TUNING.few
     repeats = len(data.names) > 1 and problem.has_few_distinct_places
     of = data.rec if of_recordings or many or repeats else data.block
-    of_lines = _find_lines(problem, fit)
-    groups, lines = [], []
-    for g in np.unique(of[data.rows]):
-        here = of == g
-        groups.append(here)
-        lines.append(fit.design[problem.counted(here)][:, of_lines])
-    return HeldOutGroups(replace(data, u=drive), tuple(groups), tuple(lines))
-
-
-def _find_lines(problem: Problem, fit: JointFit) -> Bools:
-    """Return a mask (K,) of the columns of lines: of effects that the drive does not cause and that
-    no block of the model contains."""
-    out = [np.zeros(len(problem.data.names) + problem.base.width, dtype=bool)]
-    for effect, a in zip(fit.effects, fit.amplitudes, strict=True):
-        line = not (effect.candidate.driven or effect.blocks(a, problem.data))
-        out.append(np.full(a.size, line))
-    return np.concatenate(out)
+    groups = tuple(of == g for g in np.unique(of[data.rows]))
+    return HeldOutGroups(replace(data, u=drive), groups)
 
 
 def _fit_without(problem: Problem, fit: JointFit, here: Bools) -> JointFit:

@@ -35,9 +35,20 @@ def intervals(problem: Problem, fitted: JointFit, sigma: float) -> list[dict[str
         theta_to, amplitude_to = theta_at + len(effect.theta), amplitude_at + amplitudes.size
         at = np.r_[theta_at:theta_to, amplitude_at:amplitude_to]
         theta_at, amplitude_at = theta_to, amplitude_to
-        least = TUNING.half if problem.has_few_distinct_moments and effect.candidate.late else 0.0
+        least = 0.0 if is_time_known(problem, effect) else TUNING.half
         out.append(_values(fitted, i, p, cov[np.ix_(at, at)], least))
     return out
+
+
+def is_time_known(problem: Problem, effect: Effect) -> bool:
+    """Return whether the recordings determine an effect's time. A rich base imitates a lag or a
+    delay where the drive is sampled at few moments of its period, also in rows left out."""
+    return not (problem.has_few_distinct_moments and effect.candidate.late)
+
+
+def are_times_known(problem: Problem, fitted: JointFit) -> bool:
+    """Return whether the same holds of all effects of a fit."""
+    return all(is_time_known(problem, effect) for effect in fitted.effects)
 
 
 def _values(fitted: JointFit, index: int, p: Floats, cov: Floats, least: float) -> dict[str, Value]:

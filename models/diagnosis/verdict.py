@@ -23,6 +23,7 @@ from dehyst.models.diagnosis.findings.reported import without_effects_of_kind
 from dehyst.models.diagnosis.findings.shape import mark_not_written
 from dehyst.models.diagnosis.findings.weigh import Conclusion, conclude, with_episode
 from dehyst.models.diagnosis.held_out import HeldOutErrors
+from dehyst.models.diagnosis.intervals import are_times_known
 from dehyst.models.diagnosis.judge import SearchState, base_error, misfit_beyond_noise
 from dehyst.models.diagnosis.result import Finding, Progress
 from dehyst.models.diagnosis.searched import Searched
@@ -51,13 +52,15 @@ class Judged:
 @dataclass(frozen=True)
 class _Weighed:
     """One evaluation of the effects found. residual: (N,) what the findings leave; left: its rms
-    beyond the noise; noise: rms."""
+    beyond the noise; removed: mean square of a line of part of the time, which the findings contain
+    and no model does; noise: rms."""
 
     found: SearchState
     conclusion: Conclusion
     findings: tuple[Finding, ...]
     residual: Floats
     left: float
+    removed: float
     noise: float
     verdict: str
 
@@ -76,7 +79,7 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
     lost = not has_response_to_drive(data, unexplained) and not searched.shown
     verdict = "unknown" if lost else one.verdict
     first = one.conclusion.bare
-    in_use = HeldOutErrors(first, first, ())
+    in_use = HeldOutErrors(first, ())
     written = WrittenModel(bare.diagnosed.model, in_use, in_use)
     if BUTTERFLY_WARNING not in searched.warnings:  # no model of a butterfly can be inverted
         as_read = _with_stage_change(one.conclusion, searched.episode)
@@ -88,7 +91,9 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
     ]
     if verdict in ("unknown", "partly") and not any(f.name == "unknown" for f in findings):
         findings.append(_rest(data, one, sum(f.share for f in findings)))
-    if verdict == "explained" and not written.explains(noise):
+    if verdict == "explained" and not (
+        written.explains(noise, one.removed) and are_times_known(found.problem, found.accepted)
+    ):
         verdict = "partly"
     ranked = tuple(sort_by_strength(findings))
     return Judged(searched, found, data, verdict, ranked, noise, unexplained, written)
@@ -110,6 +115,8 @@ def _weigh(searched: Searched, found: SearchState, say: Progress) -> _Weighed:
         findings = with_episode(findings, late, weighed, sigma)
         n = int(data.rows.sum())
         left = max(float(np.sum(residual[data.rows] ** 2)) / n - sigma**2, 0.0)
+    line = late if searched.episode is None else searched.episode
+    removed = 0.0 if line is None or line.of_stage else rms(line.removed[data.rows]) ** 2
     left, noise = float(np.sqrt(left)), sigma
     grown = any({"from_s", "until_s"} & f.where.keys() for f in findings)
     if left > TUNING.strong * sigma and not grown and is_coloured(data, residual, sigma):
@@ -119,7 +126,7 @@ def _weigh(searched: Searched, found: SearchState, say: Progress) -> _Weighed:
     any_loop = float(np.sqrt(misfit_beyond_noise(found.problem, found.null, sigma)))
     floor = max(noise, base_error(data) / TUNING.strong)
     verdict = decide_verdict(findings, left, at_first, any_loop, floor)
-    return _Weighed(found, weighed, findings, residual, left, noise, verdict)
+    return _Weighed(found, weighed, findings, residual, left, removed, noise, verdict)
 
 
 def _without_the_doubtful(one: _Weighed) -> SearchState:

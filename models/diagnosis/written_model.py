@@ -60,11 +60,16 @@ class WrittenModel:
     gained: bool = False
     alone: float | None = None
 
-    def explains(self, noise: float) -> bool:
-        """Return whether something was gained, and no more than the noise [rms] is left in addition
-        to it."""
-        is_small = self.held.known <= (1.0 + MOST_LEFT) * noise**2
-        return self.gained and is_small and self.holds_in_each_alone(noise)
+    def explains(self, noise: float, removed: float) -> bool:
+        """Return whether no more than the noise [rms] is left in addition to it, and no more than
+        half of what the model in use leaves, or next to nothing. A line whose phase another
+        recording does not share is left too. removed: mean square of what the readings were judged
+        without."""
+        left = self.held.mean_square + removed - noise**2
+        before = self.held_in_use.mean_square + removed - noise**2
+        is_most = left <= max(TUNING.half * before, TUNING.quarter * noise**2)
+        is_small = self.gained and is_most and left <= MOST_LEFT * noise**2
+        return is_small and self.holds_in_each_alone(noise)
 
     def holds_in_each_alone(self, noise: float) -> bool:
         """Return whether the same holds of each of two recordings when fitted to the other. Half of
@@ -83,7 +88,7 @@ def choose_written_model(
         problem = replace(problem, data=replace(problem.data, between=None))
         final = problem.refit(final.effects)
     bare = replace(bare, data=replace(bare.data, between=None, stepped=problem.data.stepped))
-    held_out = make_held_out_groups(problem, final, bare.data.u)
+    held_out = make_held_out_groups(problem, bare.data.u)
     in_use_model = bare.diagnosed.model
     in_use = held_out.held_out_errors(lambda here: in_use_model)
     best, chosen = WrittenModel(in_use_model, in_use, in_use), None
@@ -123,9 +128,9 @@ def choose_written_model(
             break
     # what began before a recording is another in each, which blocks of time left out do not show
     if chosen is not None and len(data.names) == 2 and any(e.candidate.past for e in final.effects):
-        each = make_held_out_groups(problem, final, bare.data.u, of_recordings=True)
+        each = make_held_out_groups(problem, bare.data.u, of_recordings=True)
         try:
-            best = replace(best, alone=each.held_out_errors(chosen.write_without).known)
+            best = replace(best, alone=each.held_out_errors(chosen.write_without).mean_square)
         except BadModel:  # a parameter value that the model format does not allow
             best = replace(best, alone=np.inf)
     return best

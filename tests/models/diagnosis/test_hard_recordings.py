@@ -60,6 +60,23 @@ def test_slow_sampling_of_a_stage_with_and_without_a_delay(late_s: float) -> Non
         assert named == []
 
 
+def test_a_delay_at_few_moments_of_the_drive_is_not_said_to_explain() -> None:
+    """Two frequencies that are parts of the sampling rate: ten moments are read again and again,
+    and rows left out repeat those that were fitted."""
+    given = []
+    for seed in (1, 2):
+        t = np.arange(40_000) * DT
+        u = 5.0 + (3.0 - 0.5 * seed) * np.sin(2 * np.pi * 5.0 * t)
+        u += (1.0 + 0.3 * seed) * np.sin(2 * np.pi * 10.0 * t + 1.0)
+        y = plain(np.interp(t - 0.0185, t, u))
+        y += 2.0 * NOISE_UM * np.random.default_rng(seed).standard_normal(t.size)
+        given.append(Recording(t[::20], u[::20], y[::20], name=f"s{seed}.csv"))
+    d = diagnose_without_limits(given)
+    assert [f.name for f in d.findings] == ["delay"]
+    assert d.rms["heldout_augmented"] < 1.2 * d.noise
+    assert d.verdict == "partly"
+
+
 @pytest.mark.parametrize("stage", [plain, bouc_wen], ids=["in the class", "foreign"])
 def test_with_little_noise_what_the_base_leaves_is_no_physics(stage: object) -> None:
     """The noise is 1e-4 of the stroke: the base's own misfit exceeds it."""

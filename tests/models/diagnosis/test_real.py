@@ -130,7 +130,7 @@ def test_a_model_that_leads_is_judged_on_the_drive_as_it_was_recorded() -> None:
     assert moved is not None
     fit = moved.solve([])
     left = [
-        make_held_out_groups(moved, fit, drive)
+        make_held_out_groups(moved, drive)
         .held_out_errors(lambda here: build_augmented_model(moved, fit))
         .mean_square
         ** 0.5
