@@ -6,7 +6,9 @@ must tower over its neighbours in consecutive stretches, and be absent in others
 of the level; a change is an excess that begins, or ends, at a time.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -48,7 +50,7 @@ def find_episodes(data: Data, residual: Floats, sigma: float) -> Episode | None:
     if first is None:
         return None
     frequency = first.finding.parameters["frequency_hz"].value
-    removed, whens = first.removed, [first.finding.where["time"]]
+    removed, found = first.removed, [first.finding]
     for _ in data.names:
         more = find_line(data, residual - removed, sigma)
         if more is None:
@@ -56,10 +58,18 @@ def find_episodes(data: Data, residual: Floats, sigma: float) -> Episode | None:
         if abs(more.finding.parameters["frequency_hz"].value / frequency - 1.0) > SAME_LINE:
             break
         removed = removed + more.removed
-        whens.append(more.finding.where["time"])
-    where = {**first.finding.where, "time": "; ".join(whens)}
+        found.append(more.finding)
+    where = {**first.finding.where, "time": "; ".join(one.where["time"] for one in found)}
+    spans = [_span(one.where) for one in found]
+    every = " and ".join([", ".join(spans[:-1]), spans[-1]] if len(spans) > 1 else spans)
+    says = first.finding.says.replace(spans[0], every)
     share = float(np.sum(removed**2)) / max(int(data.rows.sum()), 1)
-    return Episode(replace(first.finding, share=share, where=where), removed)
+    return Episode(replace(first.finding, share=share, where=where, says=says), removed)
+
+
+def _span(where: Mapping[str, Any]) -> str:
+    """Return from when to when a line is present, and in which recording."""
+    return f"{where['from_s']:.3g} to {where['to_s']:.3g} s of {where['recording']}"
 
 
 def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
@@ -79,10 +89,11 @@ def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
     size = float(np.sqrt(2.0 * np.mean(line.removed[here] ** 2)))
     half = max(Z95 * float(np.std(line.sizes)), 0.1 * size)
     name = data.names[line.recording]
-    span = f"{start:.3g} to {end:.3g} s"
+    where: dict[str, Any] = {"recording": name, "from_s": start, "to_s": end}
+    where["time"] = f"{name}, {start:.3g} to {end:.3g} s"
     sure = 0.5 / max(end - start, 1e-9)
     finding = Finding(
-        **line_for_a_time(f, format_length((size, data.unit)), f"{span} of {name}"),
+        **line_for_a_time(f, format_length((size, data.unit)), _span(where)),
         share=float(np.sum(line.removed**2)) / max(int(data.rows.sum()), 1),
         evidence={"removed_rms": rms(line.removed[here])},
         parameters={
@@ -92,7 +103,7 @@ def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
             ),
         },
         ambiguous_with=(),
-        where={"time": f"{name}, {span}", "recording": name, "from_s": start, "to_s": end},
+        where=where,
     )
     return Episode(finding, line.removed)
 

@@ -10,7 +10,11 @@ from dehyst.models.diagnosis import diagnose
 from dehyst.models.diagnosis.base import rich_base
 from dehyst.models.diagnosis.data.excerpt import excerpt
 from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.diagnosis.findings.episodes import describe_residual_change, find_line
+from dehyst.models.diagnosis.findings.episodes import (
+    describe_residual_change,
+    find_episodes,
+    find_line,
+)
 from dehyst.models.recording import Recording
 from dehyst.models.signals.lines import find_lines
 
@@ -55,6 +59,18 @@ def test_hum_for_a_third_of_the_time_is_named_with_its_time() -> None:
     assert where["to_s"] == pytest.approx(5.7, abs=0.4)
     assert named["hum"].parameters["frequency_hz"].value == pytest.approx(57.3, abs=0.2)
     assert {x.name for x in d.would_have_seen}.isdisjoint({"hum"})
+
+
+def test_a_line_for_a_time_in_several_recordings_is_said_of_all_of_them() -> None:
+    data = prepare(recordings(plain))
+    noise = NOISE_UM * np.random.default_rng(4).standard_normal(data.n)
+    there = (data.t > 3.0) & (data.t < 5.7) & (data.rec < 2)
+    found = find_episodes(data, noise + 0.08 * there * np.sin(2 * np.pi * 57.3 * data.t), NOISE_UM)
+    assert found is not None
+    said = found.finding.says.partition(" the reading carries ")[0]
+    assert said.startswith("From ")
+    assert " s of r0.csv" in said
+    assert " s of r1.csv" in said
 
 
 def test_a_line_is_found_in_its_stretches_only() -> None:
