@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 import tomli_w
 from tests.rigs.axes_bench import AxesBench
-from tests.rigs.gateway_bench import ROOT, free_port
+from tests.rigs.gateway_bench import ROOT, STARVES_S, free_port, noted_pauses
 from tests.rigs.processes import EmulatedBench, dehyst, until
 from tests.rigs.stage_model import model_text
 
@@ -289,12 +289,16 @@ def run_python(desk: Desk, block: Block, tmp_path: Path) -> None:
                 "no:cacheprovider",
                 "test_mine.py",
             ]
-        done = subprocess.run(
-            program,
-            cwd=desk.folder,
-            env=env | {"PYTHONPATH": f"{env['PYTHONPATH']}:{desk.folder}"},
-            capture_output=True, text=True, timeout=240, check=False,
-        )  # fmt: skip
+        for _ in range(3):
+            with noted_pauses() as pauses:
+                done = subprocess.run(
+                    program,
+                    cwd=desk.folder,
+                    env=env | {"PYTHONPATH": f"{env['PYTHONPATH']}:{desk.folder}"},
+                    capture_output=True, text=True, timeout=240, check=False,
+                )  # fmt: skip
+            if done.returncode == 0 or max(pauses) <= STARVES_S:
+                break  # else this machine stood still for so long that a flight starves
     assert done.returncode == 0, done.stdout[-500:] + done.stderr[-2000:]
 
 
