@@ -104,12 +104,10 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         "daemon/service/test_exchanged_units.py": (
             "test_the_foreign_unit_is_never_moved[both_dead",
-            "test_the_foreign_unit_is_never_moved[both_dead-serial",
             "test_the_foreign_unit_is_never_moved[at_start-serial",
             "test_the_foreign_unit_is_never_moved[supervisor_dead",
             "test_the_foreign_unit_is_never_moved[loop_dead",
             "test_the_foreign_unit_is_never_moved[at_stop",
-            "test_the_foreign_unit_is_never_moved[both_dead-blank",
             "test_the_foreign_unit_is_never_moved[in_motion",
             "test_pin_accepts",
         ),
