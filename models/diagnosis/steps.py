@@ -61,7 +61,7 @@ def diagnose(
     if 1 < len(rest) == len(recordings) - 1:
         say(f"without {odd}", 0.0)
         others = diagnose(rest, model, progress, several, with_limits)
-        if others.verdict in ("clean", "explained"):
+        if not any(finding.name == "unknown" for finding in others.findings):
             (one,) = (one for one in recordings if one.name == odd)
             beyond = finite_rms(_predict_centred(others.model, one))
             says = (

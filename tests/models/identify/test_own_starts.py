@@ -174,6 +174,21 @@ def test_a_recording_that_does_not_belong_is_named_and_the_others_are_used(
     assert odd.name not in found.rms["model"]
 
 
+def with_hum(one: Recording, phase: float) -> Recording:
+    assert one.displacement is not None
+    hum = 0.03 * np.sin(2 * np.pi * 50.0 * one.t_s + phase)
+    return replace(one, displacement=one.displacement + hum)
+
+
+def test_hum_in_the_others_does_not_keep_a_recording_that_does_not_belong() -> None:
+    """Hum is named and left in the readings: the verdict on the others is `partly`."""
+    given = [with_hum(one, 2.0 * i) for i, one in enumerate([*clean_set(), FULL])]
+    given[2] = replace(given[2], displacement=of_another_gain(given[2]))
+    found = diagnose_without_limits(given)
+    assert [finding.name for finding in found.findings] == ["hum"]
+    assert "does not belong to the others" in found.data.says[0]
+
+
 @pytest.mark.parametrize("lost", [True, False])
 def test_what_changes_across_a_pause_is_no_glitch_and_what_follows_is_not_bridged(
     lost: bool,

@@ -402,9 +402,16 @@ CHANGES += (
         Change(
             "the-odd-recording-stays",
             "models/diagnosis/steps.py",
-            'if others.verdict in ("clean", "explained"):',
+            'if not any(finding.name == "unknown" for finding in others.findings):',
             "if False:",
             "one recording of another stage makes a clean stage unknown",
+        ),
+        Change(
+            "hum-keeps-the-odd-recording",
+            "models/diagnosis/steps.py",
+            'if not any(finding.name == "unknown" for finding in others.findings):',
+            'if others.verdict in ("clean", "explained"):',
+            "one recording of another stage stays among others that have hum",
         ),
     )
     + room(
