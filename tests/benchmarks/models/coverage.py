@@ -1,6 +1,6 @@
 """Check that the 95 % interval holds on other rates and waveforms than those identified from.
 
-    python -m tests.benchmarks.models.coverage [real round-1 round-2 proof] [--stages 40] [--two]
+    python -m tests.benchmarks.models.coverage [--only PART ...] [--stages 40] [--two]
 
 It identifies a model from one recording of a stage and counts the rows of every other recording of
 the same stage that are within its interval. With --two it also identifies from the last recording
@@ -130,7 +130,7 @@ def measure(cases: Iterator[Case], name: str, bars: Bars, two: bool) -> list[flo
 def main() -> int:
     """Run the named parts, or all."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", choices=[*PARTS], help="default: all")
+    parser.add_argument("--only", nargs="+", choices=[*PARTS], default=[*PARTS], help="these parts")
     parser.add_argument("--stages", type=int, default=40)
     parser.add_argument("--two", action="store_true")
     args = parser.parse_args()
@@ -138,7 +138,7 @@ def main() -> int:
     print(
         "| stage | half-width, of the stroke | rows within, each other recording |\n|---|---|---|"
     )
-    for name in args.parts or PARTS:
+    for name in args.only:
         if data is None and name != "proof":
             bars.cannot(name, "no recordings; set DEHYST_DATA")
             continue

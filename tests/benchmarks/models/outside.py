@@ -1,7 +1,7 @@
 """What identification reports for recordings outside its class, ordinary ones, and one or two
 rates.
 
-    python -m tests.benchmarks.models.outside [PART ...] [--number 40]
+    python -m tests.benchmarks.models.outside [--only PART ...] [--number 40]
 
 It prints a table and its bars; the exit status is 0 or 1, see tests/benchmarks/bars.py.
 """
@@ -110,12 +110,12 @@ PARTS = {
 def main() -> int:
     """Run the parts named on the command line, or all."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", choices=[*PARTS], help="default: all")
+    parser.add_argument("--only", nargs="+", choices=[*PARTS], default=[*PARTS], help="these parts")
     parser.add_argument("--number", type=int, default=40)
     args = parser.parse_args()
     bars = Bars()
     print("| recording | said |\n|---|---|")
-    for name in args.parts or PARTS:
+    for name in args.only:
         PARTS[name](bars, args.number)
     return bars.end()
 
