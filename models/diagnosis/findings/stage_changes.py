@@ -14,6 +14,7 @@ from dehyst.models.diagnosis.judge import misfit_beyond_noise
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import format_length
 from dehyst.models.signals.joined import Floats
 
@@ -23,8 +24,8 @@ TIMES = 24  # that are tried at once, in ever shorter parts
 
 def find_stage_change(problem: Problem, null: JointFit, sigma: float) -> Episode | None:
     """Return a sudden change of gain and level, at most once in each recording, that leaves little
-    of what the base leaves (null: its fit); None where there is none. A drift or creep leaves more:
-    the best step takes three quarters of a ramp's power."""
+    of what the base leaves (null: its fit), and at most half of what slow physics leaves; None
+    where there is none. Of a ramp, the best step removes three quarters of the power."""
     data = problem.data
     left = misfit_beyond_noise(problem, null, sigma)
     if left < (TUNING.strong * sigma) ** 2:
@@ -48,7 +49,8 @@ def find_stage_change(problem: Problem, null: JointFit, sigma: float) -> Episode
     free = rest.size - null.design.shape[1] - own.shape[1]
     sse = float(np.sum((rest - own @ amplitudes) ** 2))
     remaining = max(sse / max(free, 1) - sigma**2, 0.0)
-    if remaining > TUNING.minor * left:
+    by_slow_physics = _least_by_slow_physics(screen, sigma)
+    if remaining > min(TUNING.minor * left, TUNING.half * by_slow_physics):
         return None
     removed = each @ amplitudes
     sizes = amplitudes.reshape(-1, 2)
@@ -76,6 +78,15 @@ def find_stage_change(problem: Problem, null: JointFit, sigma: float) -> Episode
         ),
     )
     return Episode(finding, removed, of_stage=True)
+
+
+def _least_by_slow_physics(screen: Screen, sigma: float) -> float:
+    """Return the least mean square beyond the noise that a slow candidate leaves, estimated."""
+    problem = screen.problem
+    slow = [screen.starts(c) for c in list_candidates(problem.data) if c.slow]
+    gain = max((ranked[0][0] for ranked in slow if ranked), default=0.0)
+    free = max(screen.rows.size - screen.current.design.shape[1], 1)
+    return max((float(screen.r @ screen.r) - gain) / free - sigma**2, 0.0)
 
 
 def _best_time(screen: Screen, x: Floats, i: int) -> tuple[float, float]:

@@ -73,6 +73,19 @@ def test_a_ramp_is_no_sudden_change() -> None:
     assert "unknown" not in names
 
 
+def test_a_stage_that_follows_a_temperature_does_not_change_suddenly() -> None:
+    """Most of the warming takes half a second of ten, so a step removes nearly all of it."""
+    warmed = []
+    for seed, half_way in enumerate((4.5, 5.5)):
+        one = at_rest(seed, f"{seed}")
+        assert one.displacement is not None
+        warmth = np.tanh((one.t_s - half_way) / 0.3)
+        y = one.displacement + 0.6 * warmth
+        warmed.append(replace(one, displacement=y, channels={"temp_c": 21.0 + warmth}))
+    found = diagnose_without_limits(warmed)
+    assert [f.name for f in found.findings if f.name != "shape"] == ["drift"]
+
+
 def test_what_a_base_fits_of_the_noise_is_no_sudden_change() -> None:
     """Eight hundred readings, and a base of a hundred columns: creep through a polled gauge."""
     rig = make_rig(917351, 29)

@@ -647,9 +647,16 @@ CHANGES = [
         Change(
             "a-ramp-is-a-sudden-change",
             "models/diagnosis/findings/stage_changes.py",
-            "    if remaining > TUNING.minor * left:",
+            "    if remaining > min(TUNING.minor * left, TUNING.half * by_slow_physics):",
             "    if remaining > TUNING.half * left:",
             "a stage that drifts is said to have changed suddenly",
+        ),
+        Change(
+            "a-temperature-is-a-sudden-change",
+            "models/diagnosis/findings/stage_changes.py",
+            "    if remaining > min(TUNING.minor * left, TUNING.half * by_slow_physics):",
+            "    if remaining > TUNING.minor * left:",
+            "a stage that follows a temperature is said to have changed suddenly",
         ),
         Change(
             "noise-is-a-sudden-change",
