@@ -84,10 +84,11 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
     if BUTTERFLY_WARNING not in searched.warnings:  # no model of a butterfly can be inverted
         as_read = _with_stage_change(one.conclusion, searched.episode)
         written = choose_written_model(searched.whole, bare, as_read, found.sigma)
+    refuted = _refuted(found, written) - searched.shown
     findings = [
         f if f.name in ("shape", "unknown") or f.key in written.contains else mark_not_written(f)
         for f in one.findings
-        if not (lost and f.name == "shape")
+        if not (lost and f.name == "shape") and not (f.key in refuted and f.share < TUNING.minor)
     ]
     if verdict in ("unknown", "partly") and not any(f.name == "unknown" for f in findings):
         findings.append(_rest(data, one, sum(f.share for f in findings)))
@@ -138,6 +139,15 @@ def _without_the_doubtful(one: _Weighed) -> SearchState:
     if before - after < (TUNING.half * one.left) ** 2:
         return fewer
     return without_effects_of_kind(found, lambda c: c.slow and not c.past)
+
+
+def _refuted(found: SearchState, written: WrittenModel) -> set[str]:
+    """Return the keys of effects of the drive without which the written model predicts no worse
+    what it was not fitted to: where such an effect is small, it fits what the others leave."""
+    if not written.gained:
+        return set()
+    driven = {e.candidate.key for e in found.accepted.effects if e.candidate.driven}
+    return driven - set(written.contains)
 
 
 def _with_stage_change(conclusion: Conclusion, episode: Episode | None) -> Conclusion:

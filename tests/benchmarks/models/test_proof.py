@@ -291,6 +291,13 @@ def test_a_quiet_stage_follows_another_drive_no_worse_than_by_the_model_in_use()
     assert reached["held_augmented"] < reached["held_model"]
 
 
+def test_a_small_effect_of_the_drive_that_predicts_nothing_is_not_named() -> None:
+    """A clean Preisach stage: a bent sensor fits 3 % of the misfit, and another recording is predicted
+    no better with it."""
+    found = diagnose(make_case(plan(551237, *parse("faults-0"))).given(), with_limits=False)
+    assert [finding.name for finding in found.findings] == ["shape"]
+
+
 def test_what_two_recordings_do_not_predict_of_each_other_is_not_explained() -> None:
     """A stage warms up from moves that nobody recorded, at another pace in each recording. In each
     a drift leaves little, whichever time is left out, but a third recording drifts otherwise."""

@@ -479,6 +479,13 @@ CHANGES = [
             "leanings: tuple[float, ...] = (1e-15, 1e-3, 1e-2, 0.1)",
             "an augmented model predicts other drives worse than the model in use",
         ),
+        Change(
+            "what-predicts-nothing-is-named",
+            "models/diagnosis/verdict.py",
+            "    return driven - set(written.contains)",
+            "    return set()",
+            "a bent sensor is named on a clean stage of another class",
+        ),
     ),
     *room(
         ("tests/models/diagnosis/test_mirror.py",),
