@@ -292,8 +292,8 @@ def test_a_quiet_stage_follows_another_drive_no_worse_than_by_the_model_in_use()
 
 
 def test_a_small_effect_of_the_drive_that_predicts_nothing_is_not_named() -> None:
-    """A clean Preisach stage: a bent sensor fits 3 % of the misfit, and another recording is predicted
-    no better with it."""
+    """A clean Preisach stage: a bent sensor fits 3 % of the misfit, and predicts no better what
+    was left out."""
     found = diagnose(make_case(plan(551237, *parse("faults-0"))).given(), with_limits=False)
     assert [finding.name for finding in found.findings] == ["shape"]
 
