@@ -61,7 +61,8 @@ def diagnose(
     if 1 < len(rest) == len(recordings) - 1:
         say(f"without {odd}", 0.0)
         others = diagnose(rest, model, progress, several, with_limits)
-        if not any(finding.name == "unknown" for finding in others.findings):
+        settles = _has_unknown(judged.findings) and not _has_unknown(others.findings)
+        if settles or others.verdict in ("clean", "explained"):
             (one,) = (one for one in recordings if one.name == odd)
             beyond = finite_rms(_predict_centred(others.model, one))
             says = (
@@ -83,6 +84,10 @@ def _find_odd(prepared: Prepared) -> str:
     *_, second, worst = sorted(left)
     odd = prepared.recordings[int(np.argmax(left))].name
     return odd if worst > TUNING.foreign_times * second else ""
+
+
+def _has_unknown(findings: Sequence[Finding]) -> bool:
+    return any(finding.name == "unknown" for finding in findings)
 
 
 def _predict_centred(model: Model, one: Recording) -> Floats:

@@ -291,6 +291,14 @@ def test_a_quiet_stage_follows_another_drive_no_worse_than_by_the_model_in_use()
     assert reached["held_augmented"] < reached["held_model"]
 
 
+def test_a_recording_that_shows_most_of_an_effect_belongs_to_the_others() -> None:
+    """The loop widens with the rate, of which the two sines of one recording show most."""
+    case = make_case(plan(662911, *parse("single-9")))
+    d = diagnose(case.given(), with_limits=False)
+    assert d.findings[0].name == "rate"
+    assert {view.name for view in d.views} == {one.name for one in case.given()}
+
+
 def test_a_small_effect_of_the_drive_that_predicts_nothing_is_not_named() -> None:
     """A clean Preisach stage: a bent sensor fits 3 % of the misfit, and predicts no better what
     was left out."""
