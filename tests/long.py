@@ -363,6 +363,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_what_began_before",
         ),
         "benchmarks/models/test_proof.py": (
+            "test_a_recording_that_shows_most",
             "test_what_two_recordings_do_not",
             "test_a_quiet_stage",
         ),
