@@ -231,12 +231,14 @@ def test_a_trajectory_survives_a_killed_gateway(bench: Bench) -> None:
 def test_a_stop_by_another_ends_a_trajectory_with_the_reason(shared: Bench) -> None:
     client, other = shared.client(), shared.client()
     t_s = np.arange(0.0, 30.0, 0.005)
+    stopping = threading.Thread(target=other.stop)
 
     def look(at_s: float, _: float) -> None:
-        if at_s > 0.5:
-            other.stop()
+        if at_s > 0.5 and stopping.ident is None:
+            stopping.start()  # beside the player, whose queue runs dry while it waits
 
     played = client.play(t_s, 5.0 + np.sin(t_s), progress=look)
+    stopping.join()
     assert not played.completed
     assert "stopped" in played.reason
     with pytest.raises(Refusal, match="cannot be reached"):
