@@ -17,7 +17,7 @@ from dehyst.models.diagnosis.data.survey import (
     centred_residual,
     survey,
 )
-from dehyst.models.diagnosis.findings.decide import next_experiment
+from dehyst.models.diagnosis.findings.decide import has_unknown, next_experiment
 from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.findings.repeated_search import RepeatedSearch
 from dehyst.models.diagnosis.findings.reported import is_narrow
@@ -61,7 +61,7 @@ def diagnose(
     if 1 < len(rest) == len(recordings) - 1:
         say(f"without {odd}", 0.0)
         others = diagnose(rest, model, progress, several, with_limits)
-        settles = _has_unknown(judged.findings) and not _has_unknown(others.findings)
+        settles = has_unknown(judged.findings) and not has_unknown(others.findings)
         if settles or others.verdict in ("clean", "explained"):
             (one,) = (one for one in recordings if one.name == odd)
             beyond = finite_rms(_predict_centred(others.model, one))
@@ -84,10 +84,6 @@ def _find_odd(prepared: Prepared) -> str:
     *_, second, worst = sorted(left)
     odd = prepared.recordings[int(np.argmax(left))].name
     return odd if worst > TUNING.foreign_times * second else ""
-
-
-def _has_unknown(findings: Sequence[Finding]) -> bool:
-    return any(finding.name == "unknown" for finding in findings)
 
 
 def _predict_centred(model: Model, one: Recording) -> Floats:

@@ -11,6 +11,7 @@ from dehyst.models.diagnosis.data.survey import BUTTERFLY_WARNING, has_response_
 from dehyst.models.diagnosis.evidence import blockwise_held_out_error
 from dehyst.models.diagnosis.findings.decide import (
     decide_verdict,
+    has_unknown,
     report_unknown,
     sort_by_strength,
 )
@@ -90,7 +91,7 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
         for f in one.findings
         if not (lost and f.name == "shape") and not (f.key in refuted and f.share < TUNING.minor)
     ]
-    if verdict in ("unknown", "partly") and not any(f.name == "unknown" for f in findings):
+    if verdict in ("unknown", "partly") and not has_unknown(findings):
         findings.append(_rest(data, one, sum(f.share for f in findings)))
     if verdict == "explained" and not (
         written.explains(noise, one.removed) and are_times_known(found.problem, found.accepted)

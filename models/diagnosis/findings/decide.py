@@ -27,6 +27,11 @@ from dehyst.models.physics import PHYSICS
 from dehyst.models.physics.candidate import Candidate, format_length
 
 
+def has_unknown(findings: Sequence[Finding]) -> bool:
+    """Return whether something is reported that no finding explains."""
+    return any(f.name == "unknown" for f in findings)
+
+
 def decide_verdict(
     findings: Sequence[Finding], left: float, at_first: float, any_loop: float, floor: float
 ) -> str:
@@ -37,7 +42,7 @@ def decide_verdict(
     structure = TUNING.strong * floor
     if not findings:
         return "unknown" if at_first > structure else "clean"
-    if any(f.name == "unknown" for f in findings):
+    if has_unknown(findings):
         return "unknown" if all(f.name == "unknown" for f in findings) else "partly"
     if left <= TUNING.clear * floor or left**2 <= TUNING.crumb * at_first**2:
         return "explained"

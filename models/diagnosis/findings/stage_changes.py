@@ -49,8 +49,9 @@ def find_stage_change(problem: Problem, null: JointFit, sigma: float) -> Episode
     free = rest.size - null.design.shape[1] - own.shape[1]
     sse = float(np.sum((rest - own @ amplitudes) ** 2))
     remaining = max(sse / max(free, 1) - sigma**2, 0.0)
-    by_slow_physics = _least_by_slow_physics(screen, sigma)
-    if remaining > min(TUNING.minor * left, TUNING.half * by_slow_physics):
+    if remaining > TUNING.minor * left:
+        return None
+    if remaining > TUNING.half * _least_by_slow_physics(screen, sigma):
         return None
     removed = each @ amplitudes
     sizes = amplitudes.reshape(-1, 2)

@@ -654,15 +654,16 @@ CHANGES = [
         Change(
             "a-ramp-is-a-sudden-change",
             "models/diagnosis/findings/stage_changes.py",
-            "    if remaining > min(TUNING.minor * left, TUNING.half * by_slow_physics):",
+            "    if remaining > TUNING.minor * left:\n        return None\n"
+            "    if remaining > TUNING.half * _least_by_slow_physics(screen, sigma):",
             "    if remaining > TUNING.half * left:",
             "a stage that drifts is said to have changed suddenly",
         ),
         Change(
             "a-temperature-is-a-sudden-change",
             "models/diagnosis/findings/stage_changes.py",
-            "    if remaining > min(TUNING.minor * left, TUNING.half * by_slow_physics):",
-            "    if remaining > TUNING.minor * left:",
+            "    if remaining > TUNING.half * _least_by_slow_physics(screen, sigma):",
+            "    if False:",
             "a stage that follows a temperature is said to have changed suddenly",
         ),
         Change(

@@ -416,8 +416,8 @@ CHANGES += (
         Change(
             "what-a-model-lacks-is-another-stage",
             "models/diagnosis/steps.py",
-            "settles = _has_unknown(judged.findings) and not _has_unknown(others.findings)",
-            "settles = not _has_unknown(others.findings)",
+            "settles = has_unknown(judged.findings) and not has_unknown(others.findings)",
+            "settles = not has_unknown(others.findings)",
             "a recording that shows most of a rate is said not to belong to the others",
             tests=(
                 "tests/benchmarks/models/test_proof.py::"
