@@ -1,6 +1,6 @@
 """The result of a joint fit of the base and the effects."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
@@ -27,6 +27,13 @@ class JointFit:
     def residual(self, data: Data) -> Floats:
         """Return measured minus predicted (N,)."""
         return data.y - self.prediction
+
+    def without_rows(self) -> "JointFit":
+        """Return the fit without what it holds for each sample, to be reported only: its effects,
+        weights and the number of its columns stay."""
+        none = np.zeros(0)
+        design = np.zeros((0, self.design.shape[1]))
+        return replace(self, prediction=none, design=design, fixed=none, added=none)
 
     def amplitudes_of(self, effect: Effect) -> Floats:
         """Return the amplitudes of one effect's additive columns."""

@@ -78,16 +78,25 @@ def _filter_columns(
                 w, z = 2.0 * math.pi * theta[0], theta[1]
                 trail = 2.0 * z / w
                 decay = free_decay(w, z, dt)
-        for i in range(x.shape[1]):
-            now = before[i] if late else x[t, i]
-            if held:
-                before[i] = now
-            ramp = (now - before[i]) / dt
-            if theta.size == 1:
+        row = x[t]
+        if held or late:  # the input stood still since the row before
+            for i in range(row.size):
+                now = before[i] if late else row[i]
+                before[i] = row[i]
+                if theta.size == 1:
+                    y[i] = lag_step(y[i], now, now, 0.0, fall)
+                else:
+                    y[i], speed[i] = second_order_step(y[i], speed[i], now, now, 0.0, 0.0, decay)
+                row[i] = y[i]
+        elif theta.size == 1:
+            for i in range(row.size):
+                now, ramp = row[i], (row[i] - before[i]) / dt
                 y[i] = lag_step(y[i], before[i], now, trail * ramp, fall)
-            else:
+                before[i], row[i] = now, y[i]
+        else:
+            for i in range(row.size):
+                now, ramp = row[i], (row[i] - before[i]) / dt
                 y[i], speed[i] = second_order_step(
                     y[i], speed[i], before[i], now, ramp, trail * ramp, decay
                 )
-            before[i] = x[t, i]
-            x[t, i] = y[i]
+                before[i], row[i] = now, y[i]

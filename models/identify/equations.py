@@ -99,26 +99,53 @@ def _run_plays(
     u: Floats,
     offsets: tuple[float, float],
     fresh: Bools,
-    d: Floats,
+    wanted: Bools,
+    columns: Floats,
     at: Ints,
 ) -> int:
-    """Run the plays over a lot; write D of the rows with a drive into d and their positions into
-    at; return their number. offsets: of the drive, and where the drive had been before a reset,
-    relative to that offset."""
-    count, n = 0, r.size
+    """Run the plays over a lot; write D of the wanted rows with a drive into the first columns and
+    their positions into at; return their number. offsets: of the drive, and where the drive had
+    been before a reset, relative to that offset.
+
+    Rows that are not wanted are passed over unless the drive turns there: after a drive that went
+    one way, a play is where one step from the row played before takes it.
+    """
+    count, n, before = 0, r.size, np.nan
     for t in range(u.size):
         if fresh[t]:
             h[:] = 0.0
             play_step(r, h, offsets[1])
+            before = np.nan
         if np.isnan(u[t]):
             continue
+        if not wanted[t] and t + 1 < u.size:
+            now, then = u[t], u[t + 1]
+            if before <= now <= then or before >= now >= then:
+                continue
+        before = u[t]
         play_step(r, h, u[t] - offsets[0])
-        for i in range(n - 1):
-            d[count, i] = h[i] - h[i + 1]
-        d[count, n - 1] = h[n - 1]
-        at[count] = t
-        count += 1
+        if wanted[t]:
+            for i in range(n - 1):
+                columns[count, i] = h[i] - h[i + 1]
+            columns[count, n - 1] = h[n - 1]
+            at[count] = t
+            count += 1
     return count
+
+
+@njit(cache=True, nogil=True)
+def _fill_rates(columns: Floats, shares: Floats, shift: float) -> None:
+    """Write v / R_i times D into the columns between those of D and v / R. shift: by how much
+    smaller the drive offset is for the rate."""
+    n = shares.size
+    for t in range(columns.shape[0]):
+        share, own = 1.0, columns[t, 2 * n]
+        for i in range(n):
+            if shares[i] != share:  # most operators share theirs: a division is slow
+                share = shares[i]
+                own = columns[t, 2 * n] / share
+            columns[t, n + i] = columns[t, i] * own
+        columns[t, 2 * n - 1] += shift * columns[t, 2 * n]
 
 
 def make_equations(
@@ -148,31 +175,28 @@ def make_equations(
         fresh[one.resets] = True
         width = r.size * (2 if rate else 1) + 1
         through = Filter(lag, width) if lag is not None and lag.place != "drive" else None
-        with_rate = rate and rate_max > 0.0
+        pace = one.rate / rate_max if rate and rate_max > 0.0 else np.zeros(one.u.size)
+        if through is not None:  # where no rate is known, none is assumed
+            pace[np.isnan(pace)] = 0.0
+        wanted = pick if through is None else np.ones(one.u.size, dtype=bool)
         for start in range(0, one.u.size, ROWS_HELD):
             part = slice(start, min(start + ROWS_HELD, one.u.size))
-            size = part.stop - part.start
-            d, at = np.empty((size, r.size)), np.empty(size, dtype=np.int64)
-            count = _run_plays(r, h, one.u[part], began, fresh[part], d, at)
-            d, at = d[:count], at[:count]
-            keep = pick[part][at]
-            if through is None:
-                if not keep.any():
-                    continue
-                d, at = d[keep], at[keep]
-            pace = one.rate[part][at] / rate_max if with_rate else np.zeros(at.size)
-            e = d * (pace[:, None] / shares) if rate else np.empty((at.size, 0))
+            most = int(wanted[part].sum())
+            columns, at = np.empty((most, width)), np.empty(most, dtype=np.int64)
+            count = _run_plays(r, h, one.u[part], began, fresh[part], wanted[part], columns, at)
+            columns, at = columns[:count], at[:count]
+            columns[:, -1] = pace[part][at]
             if rate:
-                e[:, -1] += (offsets[0] - offsets[1]) * pace
+                _fill_rates(columns, shares, offsets[0] - offsets[1])
             if through is not None:
-                all_of_them = np.hstack([d, np.nan_to_num(e), np.nan_to_num(pace)[:, None]])
-                through.run(all_of_them, one.t_s[part][at], fresh[part][at])
-                d, e, pace = np.split(all_of_them[keep], [r.size, width - 1], axis=1)
-                d, e, pace = np.ascontiguousarray(d), np.ascontiguousarray(e), pace[:, 0].copy()
-                at = at[keep]
+                through.run(columns, one.t_s[part][at], fresh[part][at])
+                keep = pick[part][at]
+                columns, at = columns[keep], at[keep]
+            d, e = columns[:, : r.size], columns[:, r.size : -1]
+            d, e, paces = np.ascontiguousarray(d), np.ascontiguousarray(e), columns[:, -1].copy()
             if at.size:
                 group = np.full(at.size, number, dtype=np.int64)
-                yield Equations(d, e, sign * one.y[part][at], group, one.piece[part][at], pace)
+                yield Equations(d, e, sign * one.y[part][at], group, one.piece[part][at], paces)
 
 
 def gather_equations(equations: Iterable[Equations]) -> list[Equations]:

@@ -187,7 +187,7 @@ class LagSearch:
     ) -> Trial:
         c = about or self.candidate
         r, params = self.begin[fine] if about is None else (self.r, c.params)
-        trial = Trial(self.setup, self.picks, r, c.offset, lag, split=split)
+        trial = Trial(self.setup, self.picks, r, c.offset, lag, split=split, rate=c.shape.rate)
         trial.linearise(params, c.shape, c.shape.powers)
         return trial
 

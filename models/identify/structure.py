@@ -179,9 +179,11 @@ class Trial:
         lag: Dynamics | None = None,
         loose: bool | None = None,
         split: bool = True,
+        rate: bool = True,
     ) -> None:
-        """split: sort the equations into stretches, of which some can be held out."""
-        self.setup, self.r, self.offset, self.lag = setup, r, offset, lag
+        """split: sort the equations into stretches, of which some can be held out; rate: whether a
+        structure that depends on the rate is to be fitted."""
+        self.setup, self.r, self.offset, self.lag, self.rate = setup, r, offset, lag, rate
         # leave narrow operators unbounded at first, as their slopes may be negative
         self.loose = (lag is None or lag.short) if loose is None else loose
         self.prior = Prior(r, setup.slope, 0.5 * setup.span)
@@ -195,7 +197,7 @@ class Trial:
 
     def gather(self, picks: Sequence[Bools]) -> list[Equations]:
         """Return the equations of the picked rows."""
-        return self.setup.equations(picks, self.r, self.offset, self.lag)
+        return self.setup.equations(picks, self.r, self.offset, self.lag, self.rate)
 
     def linearise(self, params: Params, shape: Shape, powers: tuple[int, ...]) -> None:
         """Make the normal equations of each stretch about these parameters, for all `powers`."""

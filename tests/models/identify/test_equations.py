@@ -10,6 +10,7 @@ from dehyst.models.identify.data.rows import read_rows
 from dehyst.models.identify.equations import Params, Shape, assemble, linearise, make_equations
 from dehyst.models.identify.fit import fit_shape, make_bounds, make_start
 from dehyst.models.identify.setup import set_up
+from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Recording
 
 
@@ -71,6 +72,35 @@ def test_equations_and_forward_model_agree(shape: Shape, by_turns: bool) -> None
     np.testing.assert_allclose(
         error, rec.displacement - simulate_hysteresis(h, rec.drive, 1e-3), atol=1e-9
     )
+
+
+@pytest.mark.parametrize("lag", [None, Dynamics("lag", "sensor", (0.004,))], ids=["none", "lag"])
+@pytest.mark.parametrize("share", [1.0, 0.1, 0.004])
+def test_rows_that_are_passed_over_do_not_change_the_others(
+    share: float, lag: Dynamics | None
+) -> None:
+    """Drives that rest, turn after a rest and are unknown for a while, over several lots."""
+    rng = np.random.default_rng(11)
+    u = np.clip(np.cumsum(rng.integers(-1, 2, 20_000)), 0, 40).astype(float)
+    u[9000:9003] = np.nan
+    (rows,) = [read_rows(Recording(np.arange(u.size) * 1e-3, u, u + rng.standard_normal(u.size)))]
+    u, r = rows.u, np.array([0.0, 1.5, 4.0, 9.0])  # lone values were left out
+    picks = rows.use & (rng.random(u.size) < share)
+    lots = list(make_equations([rows], [picks], r, (0.5, 0.5), RATES, 1.0, lag))
+    h, want = np.zeros(4), np.full((u.size, 4), np.nan)
+    h = np.maximum(rows.came_from - r, np.minimum(rows.came_from + r, h))
+    for t in np.flatnonzero(~np.isnan(u)):  # Eq. 1, written out
+        h = np.maximum(u[t] - 0.5 - r, np.minimum(u[t] - 0.5 + r, h))
+        want[t] = h - np.append(h[1:], 0.0)
+    if lag is not None:  # tau y' + y = D, with D in straight lines between the known rows
+        known, (tau,) = np.flatnonzero(~np.isnan(u)), lag.theta
+        x, y = want[known], want[known]
+        for i in range(1, known.size):
+            dt = (known[i] - known[i - 1]) * 1e-3
+            behind = (x[i] - x[i - 1]) / dt * tau
+            y[i] = x[i] - behind + np.exp(-dt / tau) * (y[i - 1] - x[i - 1] + behind)
+        want[known] = y
+    np.testing.assert_allclose(np.concatenate([lot.d for lot in lots]), want[picks], atol=1e-9)
 
 
 def test_static_fit_without_saturation_is_plain_least_squares() -> None:

@@ -135,6 +135,18 @@ CHANGES = room(
     ),
 )  # fmt: skip
 CHANGES += room(
+    ("tests/models/identify/test_equations.py",),
+    Change(
+        "turns-after-a-rest-are-passed-over",
+        "models/identify/equations.py",
+        "            if before <= now <= then or before >= now >= then:\n"
+        "                continue\n",
+        "            onwards = before <= now <= then or before >= now >= then\n"
+        "            before = now\n            if onwards:\n                continue\n",
+        "the plays miss a turn of a drive that rests before it",
+    ),
+)
+CHANGES += room(
     ("tests/models/identify/test_outside.py",),
     Change(
         "own-input-not-tried",
@@ -590,15 +602,15 @@ CHANGES += (
         Change(
             "a-held-output-moves-in-lines",
             "models/identify/dynamics.py",
-            "            if held:\n",
-            "            if False:\n",
+            "        if held or late:",
+            "        if late:",
             "a slow sensor that reads a held output is half a sample off on other drives",
         ),
         Change(
             "held-since-the-sample-before",
             "models/identify/dynamics.py",
-            "now = before[i] if late else x[t, i]",
-            "now = x[t, i]",
+            "now = before[i] if late else row[i]",
+            "now = row[i]",
             "a slow sensor of an output held from each sample on is a sample off",
         ),
     )
