@@ -24,8 +24,9 @@ NOT_A_CAUSE = re.compile(r"(temp|target|trim|learned|flags|missed|t_|y\d*_)")
 @dataclass(frozen=True)
 class Parameter:
     """One nonlinear parameter: bounds in its unit; log: searched on a logarithmic scale; sure:
-    relative half width of its interval due to sampling (between two samples of a step the
-    hysteresis is curved, and the model assumes a straight line), in addition to that due to noise;
+    relative half width of its interval, in addition to that due to noise, for what one set of
+    recordings does not show (between two samples of a step the hysteresis is curved, and the model
+    assumes a straight line; the recorder's clock);
     within: the same in the parameter's unit, a fraction of a sample; whole: the upper bound is a
     physical maximum, and a value there counts as identified."""
 

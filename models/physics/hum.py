@@ -60,6 +60,11 @@ KIND = Kind(
 )
 
 
+CLOCK = 1e-5
+"""Relative error of a recorder's clock: quartz is good to some 10 ppm, and time stamps are all that
+a frequency is measured by."""
+
+
 class Hum(Candidate):
     """sum_k A_k sin(2 pi f_k t + phase_k), with separate amplitudes and phases per recording.
     Typical: 20 to 100 nm at 50 or 60 Hz; shown by rest, or a long hold."""
@@ -76,7 +81,9 @@ class Hum(Candidate):
 
     def params_at(self, theta: Sequence[float]) -> tuple[Parameter, ...]:
         return tuple(
-            Parameter(f"frequency_{k + 1}_hz" if k else "frequency_hz", "Hz", f - w, f + w, False)
+            Parameter(
+                f"frequency_{k + 1}_hz" if k else "frequency_hz", "Hz", f - w, f + w, False, CLOCK
+            )
             for k, (f, w) in enumerate((round(v, 1), self._width) for v in theta)
         )
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, lfilter
 
 from dehyst.models.diagnosis.base import compact_base, rich_base
 from dehyst.models.diagnosis.data.noise import noise_rms
@@ -13,6 +13,7 @@ from dehyst.models.diagnosis.intervals import intervals
 from dehyst.models.diagnosis.result import Value
 from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
+from dehyst.models.signals.filters import dahl
 
 DT, NOISE_UM, RUNS = 1e-3, 0.02, 55
 TRUE = {"frequency_hz": 80.0, "damping": 0.05, "share": 0.6, "gain_um_per_unit": 0.3}
@@ -29,6 +30,13 @@ def recordings(noise: np.ndarray) -> list[Recording]:
         y = 1.1 * u + 0.3 * other + noise[k * n : (k + 1) * n]
         out.append(Recording(t, u, y, channels={"u2_v": other}, name=f"r{k}.csv"))
     return out
+
+
+def mode_of(x: np.ndarray, frequency_hz: float, damping: float, dt: float) -> np.ndarray:
+    """Return w^2 / (s^2 + 2 z w s + w^2) of x, which is linear between samples."""
+    w = 2 * np.pi * frequency_hz
+    num, den, _ = cont2discrete(([w * w], [1.0, 2 * damping * w, w * w]), dt, "foh")
+    return lfilter(np.squeeze(num), den, x - x[0]) + x[0]
 
 
 @pytest.mark.parametrize(
@@ -96,3 +104,41 @@ def test_what_is_written_keeps_the_width_of_a_narrow_interval() -> None:
     said = Value(112.08490, 112.08482, 112.08498, "Hz").to_dict()
     assert said["low"] < said["value"] < said["high"]
     assert said["high"] - said["low"] == pytest.approx(1.6e-4, rel=0.05)
+
+
+def test_a_line_is_known_no_better_than_the_clock_of_the_recorder() -> None:
+    """A recorder whose clock is 8 ppm slow shows a line at 50 Hz a little above it, to 1 ppm."""
+    t = np.arange(60_000) * DT
+    u = 5 + 3 * np.sin(2 * np.pi * 1.7 * t)
+    y = 1.1 * u + 0.3 * np.sin(2 * np.pi * 50.0 * t)
+    y += NOISE_UM * np.random.default_rng(4).standard_normal(t.size)
+    data = prepare([Recording(t * (1.0 - 8e-6), u, y)])
+    hum = next(c for c in list_candidates(data) if c.key == "hum")
+    problem = Problem(data, compact_base(data))
+    fit = problem.refit([Effect(hum, (50.0,))], settle=0.0)
+    (values,) = intervals(problem, fit, NOISE_UM)
+    line = values["frequency_hz"]
+    assert line.low < 50.0 < line.high < 50.002
+
+
+def test_the_share_of_a_mode_holds_where_the_loop_is_of_another_class() -> None:
+    """A smooth drive excites the mode only where the loop turns, and a Dahl loop turns otherwise
+    than the plays that are fitted to it: the share comes out at 0.35."""
+    fine = 10
+    t, given, length = np.arange(8000 * fine) * DT / fine, [], np.array([4.0])
+    for k in range(2):
+        u = (
+            5
+            + 2.5 * np.sin(2 * np.pi * (0.9 + 0.3 * k) * t)
+            + 1.5 * np.sin(2 * np.pi * 7.3 * t + k)
+        )
+        x = u + 2.0 * dahl(length, u, np.arange(t.size) == 0)[:, 0]
+        y = (0.7 * x + 0.3 * mode_of(x, 60.0, 0.02, DT / fine))[::fine]
+        y += 0.1 * NOISE_UM * np.random.default_rng(k).standard_normal(y.size)
+        given.append(Recording(t[::fine], u[::fine], y, name=f"r{k}.csv"))
+    data = prepare(given)
+    known = next(c for c in list_candidates(data) if c.key == "resonance")
+    problem = Problem(data, rich_base(data))
+    fit = problem.refit([Effect(known, (60.0, 0.02, 0.3))], rounds=8, settle=0.0)
+    (values,) = intervals(problem, fit, 0.1 * NOISE_UM)
+    assert values["share"].low < 0.3 < values["share"].high < 0.5

@@ -33,6 +33,20 @@ CHANGES = [
     *room(
         ("tests/models/diagnosis/test_intervals.py",),
         Change(
+            "clocks-are-exact",
+            "models/physics/hum.py",
+            "CLOCK = 1e-5\n",
+            "CLOCK = 0.0\n",
+            "a line is stated more exactly than the recorder's clock runs",
+        ),
+        Change(
+            "share-is-exact",
+            "models/physics/resonance.py",
+            "SURE_SHARE, OPEN_SHARE = 0.2, 0.6\n",
+            "SURE_SHARE, OPEN_SHARE = 0.02, 0.6\n",
+            "the share of a mode is stated a tenth as wide as a loop of another class leaves it",
+        ),
+        Change(
             "width-0.6",
             INTERVALS,
             "half = TUNING.interval_width * float(",
