@@ -612,6 +612,13 @@ CHANGES = [
             "explained is said of hum for a third of the time, which the written model leaves",
         ),
         Change(
+            "one-recording-holds-another-waveform-out",
+            "models/diagnosis/written_model.py",
+            "if len(self.held.of_each) > 1 else",
+            "if self.held.of_each else",
+            "a stage counts as explained by one recording, and another drive leaves 1.9 noises",
+        ),
+        Change(
             "class-error-is-noise",
             "models/diagnosis/verdict.py",
             "written.explains(noise, one.removed)",
