@@ -4,16 +4,24 @@ base refitted (projection off every fitted column), without nonlinear refits."""
 import copy
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from dehyst.models.arrays import Bools, Floats
+from dehyst.models.arrays import Bools, Floats, Ints
 from dehyst.models.diagnosis.effects import Effect, Theta, in_cascade_order
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.physics.candidate import Candidate, Context, Probe
+
+
+class Parts(NamedTuple):
+    """n parts of the counted samples. pattern: (pieces, n), 1 where a piece belongs to a part;
+    pieces: rows of each, which no two share."""
+
+    pattern: Floats
+    pieces: tuple[slice | Ints, ...]
 
 
 class Screen:
@@ -46,6 +54,7 @@ class Screen:
     def _set_residual(self, residual: Floats) -> None:
         self.residual = residual
         self.r = self.projected(residual[:, None])[:, 0]
+        self._r_twice = self.projected_rows(self.r[:, None])  # what is ridged is not all gone
 
     def with_residual(self, residual: Floats) -> "Screen":
         """Return the same screen for a slightly different residual (N,), from another reading of
@@ -66,21 +75,26 @@ class Screen:
         x = x - self._design @ (cho_solve(self._factor, moment) / self._scale[:, None])
         return x - self._tangent @ (self._tangent.T @ x)
 
-    def gains_in(self, x: Floats, inside: Bools) -> tuple[Floats, Floats]:
-        """Return the estimated falls (n,) of the sum of squares by columns x (N, k) in each of n
-        parts of the samples, inside (N, n), and the factor (n,) of the first column. Sums over what
-        the parts have in common are computed once."""
-        x = x[self.rows]
+    def divide(self, inside: Bools) -> Parts:
+        """Return n parts of the samples, inside (N, n), as the pieces that they have in common."""
         packed = np.packbits(inside[self.rows], axis=1)
         _, first, label = np.unique(packed, axis=0, return_index=True, return_inverse=True)
-        pattern = inside[self.rows[first]].astype(float)  # (pieces, n)
-        pieces = [np.flatnonzero(label.ravel() == k) for k in range(first.size)]
-        twice = self.projected_rows(self.r[:, None])[:, 0]
+        pieces: list[slice | Ints] = []
+        for k in range(first.size):
+            at = np.flatnonzero(label.ravel() == k)
+            one_run = at[-1] - at[0] + 1 == at.size  # needs no copy
+            pieces.append(slice(int(at[0]), int(at[-1]) + 1) if one_run else at)
+        return Parts(inside[self.rows[first]].astype(float), tuple(pieces))
+
+    def gains_in(self, x: Floats, parts: Parts) -> tuple[Floats, Floats]:
+        """Return the estimated falls (n,) of the sum of squares by columns x (N, k) in each of n
+        parts of the samples, and the factor (n,) of the first column."""
+        x = x[self.rows]
 
         def sums(left: Floats) -> Floats:
             """Return left.T @ x (n, m, k), summed over the rows of each part."""
-            each = np.stack([left[at].T @ x[at] for at in pieces])
-            return np.einsum("pn,pmk->nmk", pattern, each)
+            each = np.stack([left[at].T @ x[at] for at in parts.pieces])
+            return np.einsum("pn,pmk->nmk", parts.pattern, each)
 
         moments = sums(self._design) / self._scale[:, None]
         n, m, k = moments.shape
@@ -88,12 +102,12 @@ class Screen:
         tangent, whole = sums(self._tangent), sums(x)
         left = whole - moments.transpose(0, 2, 1) @ solved.reshape(m, n, k).transpose(1, 0, 2)
         left -= tangent.transpose(0, 2, 1) @ tangent
-        along = sums(twice[:, None])[:, 0]
+        along = sums(self._r_twice)[:, 0]
         values, vectors = np.linalg.eigh(left)
         least = 1e-9 * np.trace(whole, axis1=1, axis2=2)  # below, only rounding is left
         along = np.einsum("nik,ni->nk", vectors, along)
-        parts = np.where(values > least[:, None], along / np.maximum(values, 1e-300), 0.0)
-        return np.sum(parts * along, axis=1), np.einsum("nk,nk->n", vectors[:, 0], parts)
+        factors = np.where(values > least[:, None], along / np.maximum(values, 1e-300), 0.0)
+        return np.sum(factors * along, axis=1), np.einsum("nk,nk->n", vectors[:, 0], factors)
 
     def contribution(self, effect: Effect) -> Floats:
         """Return (N, k) columns of an additive effect, or the (N, 1) first-order change by another

@@ -304,7 +304,8 @@ def note_form(found: Sheet, layout: GridLayout, texts: int) -> None:
     if left and any(layout.headings):
         found.said.append(f"without numbers and left out: {', '.join(left[:5])}")
     if texts:
-        found.said.append(f"{texts} lines of text between the numbers left out")
+        lines = "1 line" if texts == 1 else f"{texts} lines"
+        found.said.append(f"{lines} of text between the numbers left out")
     found.said += layout.form
     if layout.decimal == ",":
         found.said.append("decimal commas")

@@ -14,7 +14,7 @@ from dehyst.models.diagnosis.judge import (
     misfit_beyond_noise,
     try_candidate,
 )
-from dehyst.models.diagnosis.screen import Screen
+from dehyst.models.diagnosis.screen import Parts, Screen
 from dehyst.models.diagnosis.search import search_one_more
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
@@ -83,26 +83,31 @@ def _best_spans(screen: Screen) -> Iterator[tuple[float, Candidate, Theta, Span]
     """Yield each candidate with the start and the span of the largest estimated gain."""
     data = screen.problem.data
     spans = list(_spans(data, TIMES))
+    parts = _divide(screen, spans)
     for c in list_candidates(data):
         # what fits a part of any change in time has no time of its own
         if c.slow or c.refines or c.key.rpartition("-")[2].isdecimal():
             continue
         starts = [tuple(s) for s in c.starts(data, screen.residual)]
-        each = [one for theta in starts for one in _gains(screen, Effect(c, theta), spans)]
+        each = [one for theta in starts for one in _gains(screen, Effect(c, theta), spans, parts)]
         if each:
             gain, amount, theta, span = max(each, key=lambda one: one[0])
             yield gain, c, c.scaled(theta, amount), span
 
 
+def _divide(screen: Screen, spans: Sequence[Span]) -> Parts:
+    data = screen.problem.data
+    return screen.divide(np.stack([span.rows(data) for span in spans], axis=1))
+
+
 def _gains(
-    screen: Screen, effect: Effect, spans: Sequence[Span]
+    screen: Screen, effect: Effect, spans: Sequence[Span], parts: Parts
 ) -> list[tuple[float, float, Theta, Span]]:
     """Return the estimated gain and amount of an effect in each span."""
-    data, x = screen.problem.data, screen.contribution(effect)
+    x = screen.contribution(effect)
     if x.shape[1] == 0 or not np.any(x):
         return []
-    inside = np.stack([span.rows(data) for span in spans], axis=1)
-    gains, amounts = screen.gains_in(x, inside)
+    gains, amounts = screen.gains_in(x, parts)
     if effect.candidate.mode != "columns":
         gains = np.where(amounts > 0.0, gains, 0.0)
     return [
@@ -124,7 +129,9 @@ def _settle(bare: SearchState, c: Candidate, theta: Theta, span: Span) -> Candid
         width /= FINER / 2
         near = fitted.span.at_s + width * np.arange(-FINER, FINER + 1)
         spans = [replace(fitted.span, at_s=float(at)) for at in near if here[0] < at < here[-1]]
-        each = _gains(screen, replace(fitted, span=None), spans)
+        if not spans:
+            break
+        each = _gains(screen, replace(fitted, span=None), spans, _divide(screen, spans))
         if not each:
             break
         at = max(each, key=lambda one: one[0])[3]
