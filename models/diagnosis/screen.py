@@ -16,7 +16,7 @@ from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.physics.candidate import Candidate, Context, Probe
 
 
-class Parts(NamedTuple):
+class SamplePieces(NamedTuple):
     """n parts of the counted samples. pattern: (pieces, n), 1 where a piece belongs to a part;
     pieces: rows of each, which no two share."""
 
@@ -75,7 +75,7 @@ class Screen:
         x = x - self._design @ (cho_solve(self._factor, moment) / self._scale[:, None])
         return x - self._tangent @ (self._tangent.T @ x)
 
-    def divide(self, inside: Bools) -> Parts:
+    def split_samples(self, inside: Bools) -> SamplePieces:
         """Return n parts of the samples, inside (N, n), as the pieces that they have in common."""
         packed = np.packbits(inside[self.rows], axis=1)
         _, first, label = np.unique(packed, axis=0, return_index=True, return_inverse=True)
@@ -84,9 +84,9 @@ class Screen:
             at = np.flatnonzero(label.ravel() == k)
             one_run = at[-1] - at[0] + 1 == at.size  # needs no copy
             pieces.append(slice(int(at[0]), int(at[-1]) + 1) if one_run else at)
-        return Parts(inside[self.rows[first]].astype(float), tuple(pieces))
+        return SamplePieces(inside[self.rows[first]].astype(float), tuple(pieces))
 
-    def gains_in(self, x: Floats, parts: Parts) -> tuple[Floats, Floats]:
+    def gains_in(self, x: Floats, parts: SamplePieces) -> tuple[Floats, Floats]:
         """Return the estimated falls (n,) of the sum of squares by columns x (N, k) in each of n
         parts of the samples, and the factor (n,) of the first column."""
         x = x[self.rows]

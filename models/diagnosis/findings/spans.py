@@ -14,7 +14,7 @@ from dehyst.models.diagnosis.judge import (
     misfit_beyond_noise,
     try_candidate,
 )
-from dehyst.models.diagnosis.screen import Parts, Screen
+from dehyst.models.diagnosis.screen import SamplePieces, Screen
 from dehyst.models.diagnosis.search import search_one_more
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
@@ -83,7 +83,7 @@ def _best_spans(screen: Screen) -> Iterator[tuple[float, Candidate, Theta, Span]
     """Yield each candidate with the start and the span of the largest estimated gain."""
     data = screen.problem.data
     spans = list(_spans(data, TIMES))
-    parts = _divide(screen, spans)
+    parts = _split_by_span(screen, spans)
     for c in list_candidates(data):
         # what fits a part of any change in time has no time of its own
         if c.slow or c.refines or c.key.rpartition("-")[2].isdecimal():
@@ -95,13 +95,13 @@ def _best_spans(screen: Screen) -> Iterator[tuple[float, Candidate, Theta, Span]
             yield gain, c, c.scaled(theta, amount), span
 
 
-def _divide(screen: Screen, spans: Sequence[Span]) -> Parts:
+def _split_by_span(screen: Screen, spans: Sequence[Span]) -> SamplePieces:
     data = screen.problem.data
-    return screen.divide(np.stack([span.rows(data) for span in spans], axis=1))
+    return screen.split_samples(np.stack([span.rows(data) for span in spans], axis=1))
 
 
 def _gains(
-    screen: Screen, effect: Effect, spans: Sequence[Span], parts: Parts
+    screen: Screen, effect: Effect, spans: Sequence[Span], parts: SamplePieces
 ) -> list[tuple[float, float, Theta, Span]]:
     """Return the estimated gain and amount of an effect in each span."""
     x = screen.contribution(effect)
@@ -131,7 +131,7 @@ def _settle(bare: SearchState, c: Candidate, theta: Theta, span: Span) -> Candid
         spans = [replace(fitted.span, at_s=float(at)) for at in near if here[0] < at < here[-1]]
         if not spans:
             break
-        each = _gains(screen, replace(fitted, span=None), spans, _divide(screen, spans))
+        each = _gains(screen, replace(fitted, span=None), spans, _split_by_span(screen, spans))
         if not each:
             break
         at = max(each, key=lambda one: one[0])[3]

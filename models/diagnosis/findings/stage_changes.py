@@ -102,7 +102,7 @@ def _best_time(screen: Screen, x: Floats, i: int) -> tuple[float, float]:
     while high - low > 2.0 * data.period:
         times = np.linspace(low, high, TIMES)
         inside = here[:, None] & (data.t[:, None] >= times[None, :])
-        gains, _ = screen.gains_in(both, screen.divide(inside))
+        gains, _ = screen.gains_in(both, screen.split_samples(inside))
         best = int(np.argmax(gains))
         at_s, gain = float(times[best]), float(gains[best])
         step = (high - low) / (TIMES - 1)

@@ -244,7 +244,7 @@ def test_a_row_with_a_field_too_many_is_refused(tmp_path: Path, separator: str) 
 def test_headings_in_another_order_are_not_passed_over(tmp_path: Path) -> None:
     rows = table("\t", (point,) * 3)
     again = [*rows[:150], rows[0], *rows[150:]]
-    assert "1 lines of text" in holds(write(tmp_path / "a.txt", *again))
+    assert "1 line of text" in holds(write(tmp_path / "a.txt", *again))
     holds(write(tmp_path / "a.txt", *rows[:150], "# set 50 V\tmoved by 5 um", *rows[150:]))
     for other in (
         "\t".join((HEAD[0], HEAD[2], HEAD[1])),

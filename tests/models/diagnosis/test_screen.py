@@ -40,7 +40,7 @@ def test_gains_in_parts_are_those_of_fits_by_least_squares(width: int, fitted: b
         _, slopes = problem.jacobian(null, problem.output_of(null))
         design = np.hstack([design, slopes[rows]])
         x[:, 0] += 0.5 * slopes[:, 0]
-    gains, first = screen.gains_in(x, screen.divide(inside))
+    gains, first = screen.gains_in(x, screen.split_samples(inside))
     scale = np.sum(design**2, axis=0)
     ridge = np.zeros(scale.size)
     size = null.design.shape[1]
@@ -60,5 +60,5 @@ def test_a_column_that_the_base_has_gains_nothing_in_all_of_the_samples() -> Non
     screen = Screen(problem, problem.solve([]))
     everywhere = np.ones((data.n, 1), dtype=bool)
     for size in np.geomspace(1e-3, 1e3, 13):
-        gains, _ = screen.gains_in(np.full((data.n, 1), size), screen.divide(everywhere))
+        gains, _ = screen.gains_in(np.full((data.n, 1), size), screen.split_samples(everywhere))
         assert abs(gains[0]) < 1e-6 * float(screen.r @ screen.r)
