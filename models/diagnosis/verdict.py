@@ -1,5 +1,6 @@
 """Decide on the verdict and the model that is written: Searched -> Judged."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -86,6 +87,10 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
         as_read = _with_stage_change(one.conclusion, searched.episode)
         written = choose_written_model(searched.whole, bare, as_read, found.sigma)
     refuted = _refuted(found, written) - searched.shown
+    needless = {f.key for f in one.findings if f.key in refuted and _is_needless(f, written, noise)}
+    if needless:  # the rest explains it all
+        rest = without_effects_of_kind(found, lambda c: c.key in needless)
+        return reach_verdict(replace(searched, found=rest), say)
     findings = [
         f if f.name in ("shape", "unknown") or f.key in written.contains else mark_not_written(f)
         for f in one.findings
@@ -94,7 +99,9 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
     if verdict in ("unknown", "partly") and not has_unknown(findings):
         findings.append(_rest(data, one, sum(f.share for f in findings)))
     if verdict == "explained" and not (
-        written.explains(noise, one.removed) and are_times_known(found.problem, found.accepted)
+        written.explains(noise, one.removed)
+        and are_times_known(found.problem, found.accepted)
+        and not _is_shape_of_one_waveform(data, findings)
     ):
         verdict = "partly"
     ranked = tuple(sort_by_strength(findings))
@@ -149,6 +156,22 @@ def _refuted(found: SearchState, written: WrittenModel) -> set[str]:
         return set()
     driven = {e.candidate.key for e in found.accepted.effects if e.candidate.driven}
     return driven - set(written.contains)
+
+
+def _is_needless(finding: Finding, written: WrittenModel, noise: float) -> bool:
+    """Return whether the written model, which is without it, leaves less than half of what the
+    effect is said to explain. noise: rms."""
+    before, left = (
+        max(held.mean_square - noise**2, 0.0) for held in (written.held_in_use, written.held)
+    )
+    return finding.share >= TUNING.minor and left < TUNING.half * finding.share * before
+
+
+def _is_shape_of_one_waveform(data: Data, findings: Sequence[Finding]) -> bool:
+    """Return whether a single recording's misfit is the loop's shape in more than a small part: of
+    another waveform's loops it says nothing."""
+    shapes = [f.share for f in findings if f.name == "shape"]
+    return len(data.names) == 1 and max(shapes, default=0.0) >= TUNING.minor
 
 
 def _with_stage_change(conclusion: Conclusion, episode: Episode | None) -> Conclusion:

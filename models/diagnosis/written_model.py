@@ -63,13 +63,12 @@ class WrittenModel:
     def explains(self, noise: float, removed: float) -> bool:
         """Return whether no more than the noise [rms] is left in addition to it, and no more than
         half of what the model in use leaves, or next to nothing. A line whose phase another
-        recording does not share is left too. One recording holds no other waveform out, and may
-        leave half as much. removed: mean square of what the readings were judged without."""
+        recording does not share is left too. removed: mean square of what the readings were judged
+        without."""
         left = self.held.mean_square + removed - noise**2
         before = self.held_in_use.mean_square + removed - noise**2
         is_most = left <= max(TUNING.half * before, TUNING.quarter * noise**2)
-        most = MOST_LEFT if len(self.held.of_each) > 1 else TUNING.half * MOST_LEFT
-        is_small = self.gained and is_most and left <= most * noise**2
+        is_small = self.gained and is_most and left <= MOST_LEFT * noise**2
         return is_small and self.holds_in_each_alone(noise)
 
     def holds_in_each_alone(self, noise: float) -> bool:

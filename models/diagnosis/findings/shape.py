@@ -60,8 +60,8 @@ class Correction:
 
 CONTAINED = "The augmented model contains it, and it is compensated"
 NOT_CONTAINED = (
-    "The augmented model does not contain it: beyond the recorded data it would diverge, or it "
-    "cannot be inverted"
+    "The augmented model does not contain it: with it, what was left out would not be predicted "
+    "better, or the model would not hold beyond the recorded data"
 )
 
 

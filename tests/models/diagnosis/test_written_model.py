@@ -321,16 +321,6 @@ def test_as_much_as_the_noise_may_be_left_beside_it(
     assert WrittenModel(model, held, in_use, gained=True).explains(1.0, removed) is explained
 
 
-@pytest.mark.parametrize(("left", "explained"), [(1.22, True), (1.23, False)])
-def test_one_recording_holds_no_other_waveform_out_and_may_leave_half_as_much(
-    left: float, explained: bool
-) -> None:
-    in_use, held = (HeldOutErrors(rms**2, (rms,)) for rms in (3.0, left))
-    data = prepare(recorded()[:1])
-    model = fit_plain_model(data, THRESHOLDS * data.span)
-    assert WrittenModel(model, held, in_use, gained=True).explains(1.0, 0.0) is explained
-
-
 @pytest.mark.parametrize(("alone", "explained"), [(None, True), (1.7, True), (1.8, False)])
 def test_half_of_the_rows_may_leave_twice_the_power_beyond_the_noise(
     alone: float | None, explained: bool

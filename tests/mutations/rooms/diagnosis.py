@@ -500,6 +500,20 @@ CHANGES = [
             "    return set()",
             "a bent sensor is named on a clean stage of another class",
         ),
+        Change(
+            "what-is-needless-is-named",
+            "models/diagnosis/verdict.py",
+            "    if needless:",
+            "    if False:",
+            "friction is named where the loop's shape explains all of it, and more",
+        ),
+        Change(
+            "one-waveform-shows-the-shape-of-all",
+            "models/diagnosis/verdict.py",
+            "    return len(data.names) == 1 and max",
+            "    return not data.names and max",
+            "a stage counts as explained by one recording, and another drive leaves 2.6 noises",
+        ),
     ),
     *room(
         ("tests/models/diagnosis/test_mirror.py",),
@@ -610,13 +624,6 @@ CHANGES = [
             "self.held.mean_square + removed - noise",
             "self.held.mean_square - noise",
             "explained is said of hum for a third of the time, which the written model leaves",
-        ),
-        Change(
-            "one-recording-holds-another-waveform-out",
-            "models/diagnosis/written_model.py",
-            "if len(self.held.of_each) > 1 else",
-            "if self.held.of_each else",
-            "a stage counts as explained by one recording, and another drive leaves 1.9 noises",
         ),
         Change(
             "class-error-is-noise",
