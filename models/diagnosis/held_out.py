@@ -72,7 +72,7 @@ class Refitted(WritableFit):
     def _around(self, fit: JointFit, here: Bools) -> Model:
         problem, data = self.problem, self.problem.data
         v = problem.drive_at_hysteresis(fit.effects)
-        y = problem.base.combine(v, data.forgets, fit.weights)
+        y = problem.diagnosed.reading(data, v) + problem.base.combine(v, data.forgets, fit.weights)
         rows = data.rows & ~here
         plain = fit_plain_model(
             replace(data, u=v, y=y, rows=rows), problem.diagnosed.model.hysteresis.r

@@ -34,6 +34,8 @@ class Screen:
         self.output = problem.output_of(current)
         self.known: dict[Any, Floats] = {}
         problem.simulate(current, current.effects, self.output, self.known)
+        self._read_heads()
+        self._unmoved = problem.simulate(current, current.effects, self.output, dict(self.known))
         self.drive = problem.data.sampled(problem.drive_at_hysteresis(current.effects))
         self._design = current.design
         gram = self._design.T @ self._design
@@ -50,6 +52,17 @@ class Screen:
             self._tangent, _ = np.linalg.qr(projected[:, good])
         self._kept: dict[tuple[str, Theta], Floats] | None = None
         self._set_residual(problem.data.y - current.prediction)
+
+    def _read_heads(self) -> None:
+        """Let the stage stand where it was read until the drive's past is known. What was fitted
+        to other rows may be anything there, and lags and modes would carry it on."""
+        data, current = self.problem.data, self.current
+        if data.between is not None:
+            return
+        heads = data.uncounted_heads()
+        heads = heads[np.isfinite(data.y[heads])]
+        way = tuple(e for e in current.effects if e.candidate.mode == "drive")
+        self.known[way, "base"][heads] = (data.y - current.offsets[data.rec])[heads]
 
     def _set_residual(self, residual: Floats) -> None:
         self.residual = residual
@@ -123,7 +136,7 @@ class Screen:
         amplitudes = tuple(parts.get(e.candidate.key, np.zeros(0)) for e in effects)
         with_it = replace(self.current, amplitudes=amplitudes)
         there = self.problem.simulate(with_it, effects, self.output, dict(self.known))
-        return (there - self.current.prediction)[:, None]
+        return (there - self._unmoved)[:, None]
 
     def starts(self, candidate: Candidate) -> list[tuple[float, Theta]]:
         """Return (estimated fall of the sum of squares, start) for every start, best first.

@@ -74,6 +74,11 @@ class Data:
         """Return x (M, ...), given on the path, at the N samples."""
         return x if self.between is None else x[self.places]
 
+    def uncounted_heads(self) -> Ints:
+        """Return the rows of the heads of recordings whose heads do not count."""
+        counted = np.unique(self.rec[self.heads & self.rows])
+        return np.flatnonzero(self.heads & ~np.isin(self.rec, counted))
+
     @property
     def drive_key(self) -> str:
         """Key of the drive among the channels."""

@@ -316,6 +316,15 @@ def test_an_effect_without_which_the_written_model_predicts_all_is_not_named() -
     assert found.rms["heldout_augmented"] < 0.1 * found.rms["heldout_model"]
 
 
+def test_what_no_reading_determines_before_a_first_move_does_not_hide_a_mode() -> None:
+    """A stage rests, its past unknown, and the first move makes it ring. The loop that was fitted
+    to the rows after that stood at four times the range before it, and any mode rang on from
+    there."""
+    found = diagnose(make_case(plan(730418, *parse("units-9"))).given(), with_limits=False)
+    assert found.findings[0].name == "resonance"
+    assert found.verdict == "explained"
+
+
 def test_the_shape_of_one_waveform_explains_no_other() -> None:
     """A mode that the only recording hardly excites: a shape fits that recording to the noise, and
     another waveform was left with 2.6 noises."""

@@ -20,7 +20,12 @@ from dehyst.models.diagnosis.diagnosed_model import THRESHOLDS, DiagnosedModel, 
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.findings.weigh import Conclusion
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.held_out import HeldOutErrors, WritableFit, make_held_out_groups
+from dehyst.models.diagnosis.held_out import (
+    HeldOutErrors,
+    Refitted,
+    WritableFit,
+    make_held_out_groups,
+)
 from dehyst.models.diagnosis.written_model import (
     WrittenModel,
     add_model_prior,
@@ -131,6 +136,19 @@ def test_a_model_is_written_from_the_other_rows_alone() -> None:
     theirs = simulate(build_augmented_model(without, without.solve([])), DT, u)
     assert np.std(ours - theirs) < 1e-3 * NOISE
     assert np.std(ours - simulate(build_augmented_model(problem, fit), DT, u)) > 0.03 * NOISE
+
+
+@pytest.mark.parametrize("carries", [False, True])
+def test_a_refitted_hysteresis_follows_the_fit_whatever_carries_it(carries: bool) -> None:
+    data = prepare(recorded())
+    plain = fit_plain_model(data, THRESHOLDS * data.span)
+    problem = Problem(data, rich_base(data), DiagnosedModel(plain, carries=carries))
+    model = Refitted(problem, problem.solve([]), False).write()
+    before, after = (
+        float(np.std((data.y - DiagnosedModel(one, carries=True).predict(data))[data.rows]))
+        for one in (plain, model)
+    )
+    assert after < 1.2 * before < 0.1 * float(np.std(data.y))
 
 
 def test_the_error_of_each_recording_left_out_is_known() -> None:

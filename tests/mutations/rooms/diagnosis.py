@@ -501,6 +501,13 @@ CHANGES = [
             "a bent sensor is named on a clean stage of another class",
         ),
         Change(
+            "heads-are-anything",
+            "models/diagnosis/screen.py",
+            "        self._read_heads()\n",
+            "",
+            "a mode that the first move of a recording excites is reported as unknown",
+        ),
+        Change(
             "what-is-needless-is-named",
             "models/diagnosis/verdict.py",
             "    if needless:",
@@ -528,6 +535,13 @@ CHANGES = [
     ),
     *room(
         ("tests/models/diagnosis/test_written_model.py",),
+        Change(
+            "refitted-without-what-carries-it",
+            "models/diagnosis/held_out.py",
+            "y = problem.diagnosed.reading(data, v) + problem.base.combine(",
+            "y = problem.base.combine(",
+            "a hysteresis refitted together with the effects is that of the correction alone",
+        ),
         Change(
             "fed-by-steps-and-written-without",
             "models/physics/kind.py",
