@@ -33,9 +33,10 @@ class Screen:
         self.rows = problem.row_index
         self.output = problem.output_of(current)
         self.known: dict[Any, Floats] = {}
-        problem.simulate(current, current.effects, self.output, self.known)
-        self._read_heads()
-        self._unmoved = problem.simulate(current, current.effects, self.output, dict(self.known))
+        self._unmoved = problem.simulate(current, current.effects, self.output, self.known)
+        if (heads := problem.data.path.uncounted_heads()).size:
+            self._read_heads(heads)
+            self._unmoved = problem.simulate(current, current.effects, self.output, self.known)
         self.drive = problem.data.sampled(problem.drive_at_hysteresis(current.effects))
         self._design = current.design
         gram = self._design.T @ self._design
@@ -53,13 +54,10 @@ class Screen:
         self._kept: dict[tuple[str, Theta], Floats] | None = None
         self._set_residual(problem.data.y - current.prediction)
 
-    def _read_heads(self) -> None:
+    def _read_heads(self, heads: Ints) -> None:
         """Let the stage stand where it was read until the drive's past is known. What was fitted
         to other rows may be anything there, and lags and modes would carry it on."""
         data, current = self.problem.data, self.current
-        if data.between is not None:
-            return
-        heads = data.uncounted_heads()
         heads = heads[np.isfinite(data.y[heads])]
         way = tuple(e for e in current.effects if e.candidate.mode == "drive")
         self.known[way, "base"][heads] = (data.y - current.offsets[data.rec])[heads]

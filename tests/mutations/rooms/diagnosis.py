@@ -503,8 +503,8 @@ CHANGES = [
         Change(
             "heads-are-anything",
             "models/diagnosis/screen.py",
-            "        self._read_heads()\n",
-            "",
+            "            self._read_heads(heads)\n",
+            "            pass\n",
             "a mode that the first move of a recording excites is reported as unknown",
         ),
         Change(
