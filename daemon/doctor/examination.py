@@ -34,6 +34,7 @@ from dehyst.models.change.naming import (
     explains_all,
     find_one_change,
     is_of_sensor,
+    leaves_nothing_new,
     move_sensor_blocks,
     pick_models,
     rank_findings,
@@ -46,6 +47,7 @@ from dehyst.models.identify.validation import validate
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.mismatch.gauge import find_gauge_fault, find_moved_zero
 from dehyst.models.model import Model
+from dehyst.models.physics import split_off_one_recording
 from dehyst.models.recording import Recording
 
 GAUGE = "gauge"
@@ -139,6 +141,7 @@ def _conclude(
         findings = [state_one_change(one, seen.causes, left, findings[0])]
         verdict, models = "explained", [] if whole else models
     elif findings:
+        report_text = _describe_company(findings, seen.causes, left)
         findings = [add_rivals(findings[0], seen.causes, left), *findings[1:]]
     named = [f for f in findings if f.name != "unknown"]
     of_sensor = bool(named) and is_of_sensor(named[0], seen.causes, noise2)
@@ -150,7 +153,7 @@ def _conclude(
     elif named and seen.later is not None:
         models = [move_sensor_blocks(m, named, seen.causes, noise2) for m in models]
         models = [*pick_models(named[0], seen.causes, noise2), *models]
-        offered, tested, why = _try(case, model, models, seen.later, details.noise)
+        offered, tested, why = try_models(case, model, models, seen.later, details.noise)
     if offered is not None:
         save_model(offered, folder / cases.OFFERED)
         after = validate(offered, seen.flagged).rms
@@ -218,6 +221,19 @@ def _describe_report(findings: Sequence[Finding], whole: bool) -> str:
     return f"{says}; the report fits the loop again and shows it as {names}."
 
 
+def _describe_company(
+    findings: Sequence[Finding], causes: Sequence[WeighedCause], left: ChangeResiduals
+) -> str:
+    """Describe the findings after the first where that alone explains all that is new; else ""."""
+    others = dict.fromkeys(f.name for f in findings[1:] if f.name != findings[0].name)
+    if not others or not leaves_nothing_new(findings[0], causes, left):
+        return ""
+    return (
+        f"The {findings[0].name} alone explains all that is new. The report shows what the model "
+        f"in use left before as {', '.join(others)}."
+    )
+
+
 def _left(
     in_use: Model, all_found: Model, when_good: float, noise: float, seen: _Evidence
 ) -> ChangeResiduals:
@@ -238,16 +254,18 @@ def _read(folder: Path, name: str, case: Case) -> Recording | None:
     return blank_lead(one, case.leads.get(name, 0.0))
 
 
-def _try(
+def try_models(
     case: Case, model: Model, models: Sequence[Model], later: Recording, noise: float
 ) -> tuple[Model | None, OfferTest | None, str]:
-    """Return (the model that did best on the later telemetry, its test, the reason if none is
-    offered)."""
+    """Return (the model that did best on the later telemetry, without what describes this recording
+    only, its test, the reason if none is offered)."""
     tried: list[tuple[ReplayComparison, Model]] = []
-    why = ""
+    why, left_out = "", dict[str, None]()
     for one in models:
+        to_run, blocks = split_off_one_recording(one)
+        left_out |= dict.fromkeys(blocks)
         try:
-            candidate = keep_zero(model, one, later)
+            candidate = keep_zero(model, to_run, later)
             Compensator(candidate, 1.0 / case.rate_hz, case.low, case.high, case.slew)
             tried.append((replay_both(model, candidate, later, noise, case.later_s), candidate))
         except (DehystError, ValueError, ArithmeticError) as error:
@@ -259,6 +277,7 @@ def _try(
         if best.offered**2 - both.offered**2 > (SPARSER * both.noise) ** 2:
             best, offered = both, candidate
     if not best.improves:
+        names = ", ".join(left_out)
         unit = model.displacement_unit
         return (
             None,
@@ -267,6 +286,7 @@ def _try(
                 "No model is offered: on later telemetry the augmented model leaves "
                 f"{best.offered:.3g} {unit} and the model in use {best.in_use:.3g}; the "
                 "improvement does not exceed the noise."
+                + (f" What describes this recording only ({names}) is not run." if names else "")
             ),
         )
     test = OfferTest(

@@ -67,6 +67,8 @@ def find_one_change(
     noise2 = left.noise**2
     first = findings[0]
     if _may_be_confused(best.cause, first):
+        if leaves_nothing_new(first, causes, left):
+            return None
         if best.new <= _explained_by(first, causes) + noise2:  # better by chance
             return None
     elif not explains_all(best, left):
@@ -78,6 +80,15 @@ def explains_all(one: WeighedCause, left: ChangeResiduals) -> bool:
     """Return whether nothing else is needed: within the noise, the cause leaves no more than the
     model in use left while it was right, or than all that the diagnosis found."""
     return one.left**2 <= max(left.found**2, _before(left)) + left.noise**2
+
+
+def leaves_nothing_new(
+    first: Finding, causes: Sequence[WeighedCause], left: ChangeResiduals
+) -> bool:
+    """Return whether a cause of the finding's own name leaves no more than the model in use left
+    while it was right, so that the other findings describe what it left then."""
+    before = _before(left)
+    return any(o.cause.name == first.name and o.left**2 <= before for o in causes)
 
 
 def _explains_most(one: WeighedCause, left: ChangeResiduals) -> bool:
@@ -142,21 +153,29 @@ def _explained_by(first: Finding, causes: Sequence[WeighedCause]) -> float:
 def move_sensor_blocks(
     model: Model, findings: Sequence[Finding], causes: Sequence[WeighedCause], noise2: float
 ) -> Model:
-    """Return the model with sensor blocks moved to the stage or the drive where their finding may
-    act there as well, since sensor blocks are not compensated."""
+    """Return the model with sensor blocks moved where a cause of their finding acts too, since
+    sensor blocks are not compensated: there if that cause does as well, else to the stage, which
+    changes nothing of what the model predicts. Only for a change that is not the sensor's
+    (`is_of_sensor`): the sensor then still reads as it did before."""
     for one in findings:
-        alike = [o.cause for o in _of_names(one, causes)]
-        there = next((c.place for c in alike if c.place != "sensor"), "")
-        if one.place != "sensor" or not there or is_of_sensor(one, causes, noise2):
+        if one.place != "sensor":
             continue
-        kinds = {b.kind for c in alike for b in c.model.blocks}
+        alike = [o.cause for o in _of_names(one, causes)]
+        elsewhere = [c for c in alike if c.place != "sensor"]
+        kinds = {b.kind for c in alike for b in c.model.blocks} if elsewhere else set()
         moved = [b for b in model.blocks if b.place == "sensor" and b.kind in kinds]
+        if is_of_sensor(one, causes, noise2):
+            elsewhere = []
         rest = tuple(b for b in model.blocks if b not in moved)
-        blocks = [
-            replace(b, place=there if there in KINDS[b.kind].places else "stage") for b in moved
-        ]
+        blocks = [replace(b, place=_place_of(b.kind, elsewhere)) for b in moved]
         model = with_blocks(replace(model, blocks=rest), blocks)
     return model
+
+
+def _place_of(kind: str, causes: Sequence[Cause]) -> str:
+    """Return where the first cause with a block of this kind acts; without one, the stage."""
+    places = (c.place for c in causes if any(b.kind == kind for b in c.model.blocks))
+    return next((place for place in places if place in KINDS[kind].places), "stage")
 
 
 def is_of_sensor(first: Finding, causes: Sequence[WeighedCause], noise2: float) -> bool:

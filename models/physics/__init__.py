@@ -16,6 +16,7 @@ from dehyst.models.physics.registry import (
     changes_alone,
     check_block,
     list_candidates,
+    split_off_one_recording,
     with_blocks,
 )
 from dehyst.models.physics.shape import DriveScale, bent_loops, curved_plays
@@ -35,5 +36,6 @@ __all__ = [
     "lead",
     "line_for_a_time",
     "list_candidates",
+    "split_off_one_recording",
     "with_blocks",
 ]

@@ -58,7 +58,7 @@ KIND = Kind(
     packed=PACKED,
     state=STATE,
     step=step,
-    inverse=Never("it belongs to one recording"),
+    inverse=Never("it belongs to one recording", of_one_recording=True),
 )
 
 

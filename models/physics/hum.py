@@ -55,7 +55,7 @@ KIND = Kind(
     ),
     step=step,
     pack=_pack,
-    inverse=Never("the phase belongs to one recording"),
+    inverse=Never("the phase belongs to one recording", of_one_recording=True),
     check=_check,
 )
 

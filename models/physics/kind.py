@@ -104,9 +104,11 @@ class Subtracted:
 
 @dataclass(frozen=True)
 class Never:
-    """Not compensated; why: the reason, in words."""
+    """Not compensated; why: the reason, in words; of_one_recording: whether the block describes one
+    recording only, such as its phase or its past, so that a controller must not run it."""
 
     why: str
+    of_one_recording: bool = False
 
 
 HELD = Param(

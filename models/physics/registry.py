@@ -20,7 +20,7 @@ from dehyst.models.errors import BadModel
 from dehyst.models.model import Block, Model
 from dehyst.models.physics.candidate import Candidate
 from dehyst.models.physics.entry import Physics
-from dehyst.models.physics.kind import Kind
+from dehyst.models.physics.kind import Kind, Never
 from dehyst.models.signals.joined import Data
 
 PLACES = ("drive", "stage", "sensor")
@@ -69,6 +69,21 @@ def check_block(block: Block, drive_unit: str = "", displacement_unit: str = "")
     if block.channel and not kind.channel:
         raise BadModel(f"channel: kind {kind.name!r} reads no channel")
     kind.values(block, drive_unit, displacement_unit)
+
+
+def split_off_one_recording(model: Model) -> tuple[Model, tuple[str, ...]]:
+    """Return (the model without the blocks that describe one recording only, what these are, in
+    words). A controller runs at other times than the recording, and starts at another phase and
+    with another past."""
+
+    def is_of_one(block: Block) -> bool:
+        inverse = KINDS[block.kind].inverse
+        return isinstance(inverse, Never) and inverse.of_one_recording
+
+    left_out = [block for block in model.blocks if is_of_one(block)]
+    kept = tuple(block for block in model.blocks if not is_of_one(block))
+    says = tuple(dict.fromkeys(KINDS[block.kind].says for block in left_out))
+    return replace(model, blocks=kept), says
 
 
 def with_blocks(model: Model, blocks: Iterable[Block]) -> Model:

@@ -1,7 +1,7 @@
 """One axis of the core process: its model, devices, stepper, rings and status."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -38,6 +38,7 @@ from dehyst.models.errors import BadInput, DehystError, NotNow
 from dehyst.models.inverse.compensator import Compensator, CompensatorState
 from dehyst.models.model import Model
 from dehyst.models.modelfile import dumps
+from dehyst.models.physics import split_off_one_recording
 
 RINGS = {"telemetry": (TELEMETRY, 65536), "status": (STATUS, 256), "event": (EVENT, 256)}
 COMMAND_RECORDS = 65536
@@ -83,6 +84,13 @@ def followed_by(config: Config, channels: tuple[str, ...]) -> dict[str, ChannelS
     return found
 
 
+def describe_left_out(blocks: Sequence[str]) -> list[str]:
+    """Return a message about the model's blocks that describe one recording only; [] without."""
+    if not blocks:
+        return []
+    return [f"of the model, not run, as it describes one recording only: {', '.join(blocks)}"]
+
+
 class AxisCore:
     """One axis. Call `open` first, then `begin`, and `prepare` before the loop runs.
 
@@ -91,7 +99,8 @@ class AxisCore:
 
     def __init__(self, config: Config, report: Callable[[NDArray[Any]], None]) -> None:
         self.config, self._report = config, report
-        self.model, self._accepted, self._about_model = choose_model(config)
+        model, self._accepted, self._about_model = choose_model(config)
+        self.model, self._left_out = split_off_one_recording(model)
         actuator, sensor = devices_of(config)
         self.actuator, self.sensor = DeviceLink("actuator", actuator), DeviceLink("sensor", sensor)
         self._beside: Mapping[str, AxisCore] = {}
@@ -162,6 +171,7 @@ class AxisCore:
         events.append(f"the loop runs: {compensator.mode} inverse ({compensator.reason}), {loop}")
         if self._about_model:
             events.append(self._about_model)
+        events.extend(describe_left_out(self._left_out))
         events.extend(self.unmeasured(compensator))
         events.extend(self._doubt)
 
@@ -219,7 +229,8 @@ class AxisCore:
             self._about_model = (
                 f"{self._about_model} cannot be run, so the configured one is used: {error}"
             )
-        self.model, self._accepted = load_model(self.config.model.file), False
+        configured, self._accepted = load_model(self.config.model.file), False
+        self.model, self._left_out = split_off_one_recording(configured)
         return self._loop_settings(self.model), self._compensator(self.model)
 
     def _led(self, compensator: Compensator, volts: NDArray[np.float64]) -> CompensatorState:
@@ -259,7 +270,8 @@ class AxisCore:
         """Load the model file again; keep the old model where the new one is refused."""
         monitor = self.monitor
         try:
-            model, accepted, about = choose_model(self.config)
+            chosen, accepted, about = choose_model(self.config)
+            model, left_out = split_off_one_recording(chosen)
             if (model.drive_unit, model.displacement_unit) != (
                 self.model.drive_unit,
                 self.model.displacement_unit,
@@ -281,6 +293,7 @@ class AxisCore:
         same = accepted or (self._accepted and not about)
         about = f" ({about})" if about else ""
         monitor.stepper.events.append(f"model reloaded{about}: {compensator.reason}")
+        monitor.stepper.events.extend(describe_left_out(left_out))
         monitor.stepper.events.extend(self.unmeasured(compensator))
         zero = monitor.stepper.origin if same else settings.origin
         digest = self._reported.digest

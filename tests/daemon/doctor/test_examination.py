@@ -13,15 +13,18 @@ from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.config import load_config
 from dehyst.daemon.demo.second_act import pattern
-from dehyst.daemon.doctor.examination import examine
+from dehyst.daemon.doctor.examination import examine, try_models
 from dehyst.daemon.doctor.next_step import excite_arguments
 from dehyst.daemon.files import cases
-from dehyst.daemon.files.cases import Case, Examined
+from dehyst.daemon.files.cases import Case, Examined, OfferTest
 from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.files.recordings import read_recording, write_recording
 from dehyst.daemon.main import main
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import SimulatedStage
+from dehyst.models.change.lead import blank_lead
+from dehyst.models.model import Block, Model
+from dehyst.models.physics import with_blocks
 
 RATE_HZ = 200.0
 LAG_S = 0.015
@@ -82,6 +85,29 @@ def test_what_changed_is_named_and_the_model_with_it_is_offered(
     assert [b for b in offered.blocks if b.kind == name and b.place == place]
     assert b"<html" in (tmp_path / "case" / cases.REPORT).read_bytes().lower()
     assert json.loads((tmp_path / "case" / "found" / "diagnosis.json").read_text())["format"] == 2
+
+
+def test_a_model_is_offered_and_tested_without_what_describes_one_recording(tmp_path: Path) -> None:
+    """A controller does not run such blocks, so that a test with them says nothing of it."""
+    folder = lay(tmp_path / "case", amplifier_tau_s=LAG_S)
+    case = cases.get_record(folder, cases.CASE, Case)
+    assert case is not None
+    whole = read_recording(folder / cases.LATER, need_displacement=True)
+    later = blank_lead(whole, case.leads[cases.LATER])
+    lag = Block("lag", "drive", {"tau_s": LAG_S})
+    creep = Block("earlier_creep", "stage", {"amount_um": -1.3, "since_s": 0.1})
+
+    def tried(*blocks: Block) -> tuple[Model | None, OfferTest | None, str]:
+        model = with_blocks(kept_model(), blocks)
+        return try_models(case, kept_model(), [model], later, 0.02)
+
+    offered, *rest = tried(lag, creep)
+    assert offered is not None
+    assert [b.kind for b in offered.blocks] == ["lag"]
+    assert rest == list(tried(lag)[1:])
+    nothing, _, why = tried(creep)
+    assert nothing is None
+    assert "creep of a move before the recording" in why
 
 
 def test_a_gauge_that_fails_gets_no_model(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from dehyst.models.change.naming import (
     explains_all,
     find_one_change,
     is_of_sensor,
+    leaves_nothing_new,
     move_sensor_blocks,
     pick_models,
     rank_findings,
@@ -141,7 +142,8 @@ def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis(
 )
 def test_else_the_diagnosis_stands(found: list[F], left: float, limits: ChangeResiduals) -> None:
     new = 0.16 - left**2
-    causes = [alone("resonance", new, left=left), alone("lag", new - 0.0008)]
+    lag = alone("lag", new - 0.0008, left=math.sqrt(0.1608 - new))
+    causes = [alone("resonance", new, left=left), lag]
     assert find_one_change(found, causes, limits) is None  # type: ignore[arg-type]
     assert find_one_change(found, [], limits) is None  # type: ignore[arg-type]
 
@@ -161,6 +163,20 @@ def test_an_effect_that_looks_like_another_is_named_where_alone_it_explains_more
     assert find_one_change(found, stranger, left) is None  # type: ignore[arg-type]
     little = [replace(friction, left=0.15), causes[1]]  # it leaves more than the allowed part
     assert find_one_change(found, little, left) is None  # type: ignore[arg-type]
+
+
+def test_what_explains_all_that_is_new_gives_way_to_nothing_richer() -> None:
+    """A lag, which weights that follow the rate imitate and describe a little better, since they
+    also take up some of what the model in use left before."""
+    left = ChangeResiduals(in_use=0.254, when_good=0.0760, found=0.022, noise=0.0216)
+    found = [F("lag", near=("rate",)), F("shape"), F("creep")]
+    lag, rate = alone("lag", 0.0544, left=0.0711), alone("rate", 0.0555, left=0.0633)
+    assert leaves_nothing_new(found[0], [rate, lag], left)  # type: ignore[arg-type]
+    assert find_one_change(found, [rate, lag], left) is None  # type: ignore[arg-type]
+    little = replace(lag, left=0.0940)
+    assert not leaves_nothing_new(found[0], [rate, little], left)  # type: ignore[arg-type]
+    assert find_one_change(found, [rate, little], left) is rate  # type: ignore[arg-type]
+    assert not leaves_nothing_new(F("creep"), [rate, lag], left)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -193,12 +209,13 @@ def lagging(place: str, kind: str = "lag") -> Model:
 
 @pytest.mark.parametrize(
     ("elsewhere", "expected"),
-    [(0.0310, "drive"), (0.0302, "drive"), (0.0200, "sensor"), (None, "sensor")],
+    [(0.0310, "drive"), (0.0302, "drive"), (0.0200, "stage"), (None, "sensor")],
 )
 def test_a_lag_that_may_be_the_stages_is_not_left_at_the_gauge(
     elsewhere: float | None, expected: str
 ) -> None:
-    """The written model has the lag at the gauge, where nothing would compensate it."""
+    """The written model has the lag at the gauge, where nothing would compensate it, beside a
+    change of the stage: a lag at the gauge shows much of that change too."""
     causes = [
         WeighedCause(Cause("lag", place, "", lagging(place)), 0.07, new)
         for place, new in (("drive", elsewhere), ("sensor", 0.0302))
@@ -209,3 +226,14 @@ def test_a_lag_that_may_be_the_stages_is_not_left_at_the_gauge(
     assert [b.place for b in model.blocks] == [expected]
     other = move_sensor_blocks(lagging("sensor", "delay"), found, causes, 0.0005)  # type: ignore[arg-type]
     assert [b.place for b in other.blocks] == ["sensor"]  # a block without such a cause stays
+
+
+def test_a_lag_goes_where_a_lag_acts_not_where_what_it_looks_like_does() -> None:
+    causes = [
+        alone("rate", 0.0910),
+        WeighedCause(Cause("lag", "drive", "", lagging("drive")), 0.05, 0.0908),
+        WeighedCause(Cause("lag", "sensor", "", lagging("sensor")), 0.06, 0.0905),
+    ]
+    found = [F("lag", place="sensor", near=("rate",))]
+    model = move_sensor_blocks(lagging("sensor"), found, causes, 0.0005)  # type: ignore[arg-type]
+    assert [b.place for b in model.blocks] == ["drive"]

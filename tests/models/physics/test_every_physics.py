@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import dehyst.models
-from dehyst.models.cascade.simulate import simulate
+from dehyst.models.cascade.simulate import channels_of, simulate
 from dehyst.models.cascade.step import (
     fill_parallel_contribution,
     invert_stage_blocks,
@@ -23,7 +23,7 @@ from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.model import Block, Hysteresis, Model, Validity
-from dehyst.models.physics import KINDS, PHYSICS, check_block
+from dehyst.models.physics import KINDS, PHYSICS, check_block, split_off_one_recording
 from dehyst.models.physics.candidate import Candidate, Context
 from dehyst.models.physics.entry import Scales
 from dehyst.models.physics.kind import Led, Limited, Never, Shifted, Solved, Subtracted
@@ -252,3 +252,16 @@ def test_nobody_else_opens_the_file_of_a_physics() -> None:
             for module, names in opened.findall(path.read_text()):
                 words = {module, *re.findall(r"\w+", names)}
                 assert not words & set(FILES), f"{path.name} imports {words & set(FILES)}"
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_controller_runs_no_block_that_moves_while_nothing_else_does(name: str, plain) -> None:
+    """Such a block goes on from the recording's first sample: a phase, or a past, of its own."""
+    t = np.arange(0.0, 20.0, 0.01)
+    for block in examples(name, plain):
+        model = Model(LOOPS, Validity(0.0, 10.0), blocks=(block,))
+        still = {channel: np.full(t.size, 5.0) for channel in channels_of(model)}
+        moves = np.ptp(simulate(model, t, np.full(t.size, 5.0), still)[1:]) > 1e-9
+        kept, left_out = split_off_one_recording(model)
+        assert (kept.blocks == (), left_out != ()) == (moves, moves), block.kind
+        assert kept == replace(model, blocks=kept.blocks)

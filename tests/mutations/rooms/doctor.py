@@ -106,9 +106,25 @@ CHANGES = [
         ),
         Change(
             "left-at-the-gauge", NAMING,
-            "if one.place != \"sensor\" or not there or is_of_sensor(one, causes, noise2):",
-            "if True:",
+            "if one.place != \"sensor\":", "if True:",
             "a lag that may be the amplifier's is placed at the gauge and not compensated",
+        ),
+        Change(
+            "left-at-the-gauge-beside-another", NAMING,
+            "if elsewhere else set()",
+            "if elsewhere and not is_of_sensor(one, causes, noise2) else set()",
+            "with a delay, a lag is left at the gauge, and the stage stays behind by it",
+        ),
+        Change(
+            "moved-to-what-looks-like-it", NAMING,
+            "(c.place for c in causes if any(b.kind == kind for b in c.model.blocks))",
+            "(c.place for c in causes)",
+            "the amplifier's lag acts at the stage, as it looks like a rate-dependence",
+        ),
+        Change(
+            "richer-than-needed", NAMING,
+            "if leaves_nothing_new(first, causes, left):", "if False:",
+            "a lag that explains all that is new is reported as a rate-dependence",
         ),
         Change(
             "looks-alike-unnamed", NAMING,
@@ -318,6 +334,11 @@ CHANGES = [
         Change(
             "gauge-diagnosed", EXAMINATION, "    if fault:\n", "    if False:\n",
             "a failing gauge becomes a model",
+        ),
+        Change(
+            "a-past-is-offered", EXAMINATION,
+            "to_run, blocks = split_off_one_recording(one)", "to_run, blocks = one, ()",
+            "the offered model goes on with the creep of a move before the recording",
         ),
         Change(
             "memory-unknown", EXAMINATION, "    flagged, good = blank_lead(whole, lead_s),",

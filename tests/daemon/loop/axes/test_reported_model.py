@@ -1,4 +1,5 @@
-"""The model and the reach in a status belong together, whenever the status is filled."""
+"""The model that an axis runs: it and its reach belong together in every status, and nothing of one
+recording is in it."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,9 @@ from dehyst.daemon.loop.axes import core
 from dehyst.daemon.rings.records import model_digest
 from dehyst.daemon.rings.status import STATUS
 from dehyst.models.cascade.reach import displacement_range
+from dehyst.models.model import Block
 from dehyst.models.modelfile import dumps
+from dehyst.models.physics import with_blocks
 
 
 def test_each_status_during_a_reload_is_of_one_model(
@@ -62,3 +65,28 @@ def test_each_status_during_a_reload_is_of_one_model(
         widths[model_digest(dumps(model))] = high - low
     assert {digest for digest, _ in seen} == widths.keys()
     assert all(width == pytest.approx(widths[digest]) for digest, width in seen)
+
+
+def test_what_describes_one_recording_is_not_run_and_it_is_said(tmp_path: Path) -> None:
+    """Creep of a move before a recording would predict a stage that moves at every start."""
+    plain = kept_model()
+    creep = Block("earlier_creep", "stage", {"amount_um": -1.3, "since_s": 0.1})
+    lag = Block("lag", "stage", {"tau_s": 0.004})
+
+    save_model(with_blocks(plain, [creep, lag]), tmp_path / "model.toml")
+    (config,) = load_controller(simulated_config(tmp_path, 200.0, tmp_path / "model.toml")).axes
+    axis = core.AxisCore(config, lambda status: None)
+    axis.open()
+    try:
+        axis.begin()
+        axis.prepare({config.axis: axis}, 1, 1, 0)
+        axis.say_how("for this test")
+        said = "creep of a move before the recording"
+        assert [e for e in axis.stepper.events if said in e]
+        assert [b.kind for b in axis.model.blocks] == ["lag"]
+        axis.stepper.events.clear()
+        axis.reload()
+        assert [e for e in axis.stepper.events if said in e]
+        assert [b.kind for b in axis.model.blocks] == ["lag"]
+    finally:
+        axis.close()
