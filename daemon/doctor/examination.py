@@ -151,7 +151,7 @@ def _conclude(
     elif named and seen.later is None:
         why = "No model is offered, because no telemetry arrived on which it could be tested."
     elif named and seen.later is not None:
-        models = [move_sensor_blocks(m, named, seen.causes, noise2) for m in models]
+        models = [move_sensor_blocks(m, model, named, seen.causes, noise2) for m in models]
         models = [*pick_models(named[0], seen.causes, noise2), *models]
         offered, tested, why = try_models(case, model, models, seen.later, details.noise)
     if offered is not None:

@@ -151,19 +151,24 @@ def _explained_by(first: Finding, causes: Sequence[WeighedCause]) -> float:
 
 
 def move_sensor_blocks(
-    model: Model, findings: Sequence[Finding], causes: Sequence[WeighedCause], noise2: float
+    model: Model,
+    in_use: Model,
+    findings: Sequence[Finding],
+    causes: Sequence[WeighedCause],
+    noise2: float,
 ) -> Model:
-    """Return the model with sensor blocks moved where a cause of their finding acts too, since
-    sensor blocks are not compensated: there if that cause does as well, else to the stage, which
-    changes nothing of what the model predicts. Only for a change that is not the sensor's
-    (`is_of_sensor`): the sensor then still reads as it did before."""
+    """Return the model with new sensor blocks, which the model in use lacks, moved where a cause of
+    their finding acts too, since sensor blocks are not compensated: there if that cause does as
+    well, else to the stage, which changes nothing of what the model predicts. Only for a change
+    that is not the sensor's (`is_of_sensor`): the sensor then still reads as it did before."""
     for one in findings:
         if one.place != "sensor":
             continue
         alike = [o.cause for o in _of_names(one, causes)]
         elsewhere = [c for c in alike if c.place != "sensor"]
         kinds = {b.kind for c in alike for b in c.model.blocks} if elsewhere else set()
-        moved = [b for b in model.blocks if b.place == "sensor" and b.kind in kinds]
+        new = [b for b in model.blocks if b not in in_use.blocks]
+        moved = [b for b in new if b.place == "sensor" and b.kind in kinds]
         if is_of_sensor(one, causes, noise2):
             elsewhere = []
         rest = tuple(b for b in model.blocks if b not in moved)

@@ -207,6 +207,9 @@ def lagging(place: str, kind: str = "lag") -> Model:
     return Model(plain, Validity(0.0, 1.0), "v", blocks=(Block(kind, place, {"tau_s": 0.01}),))
 
 
+PLAIN = replace(lagging("sensor"), blocks=())
+
+
 @pytest.mark.parametrize(
     ("elsewhere", "expected"),
     [(0.0310, "drive"), (0.0302, "drive"), (0.0200, "stage"), (None, "sensor")],
@@ -222,9 +225,9 @@ def test_a_lag_that_may_be_the_stages_is_not_left_at_the_gauge(
         if new is not None
     ]
     found = [F("rate"), F("lag", place="sensor")]
-    model = move_sensor_blocks(lagging("sensor"), found, causes, 0.0005)  # type: ignore[arg-type]
+    model = move_sensor_blocks(lagging("sensor"), PLAIN, found, causes, 0.0005)  # type: ignore[arg-type]
     assert [b.place for b in model.blocks] == [expected]
-    other = move_sensor_blocks(lagging("sensor", "delay"), found, causes, 0.0005)  # type: ignore[arg-type]
+    other = move_sensor_blocks(lagging("sensor", "delay"), PLAIN, found, causes, 0.0005)  # type: ignore[arg-type]
     assert [b.place for b in other.blocks] == ["sensor"]  # a block without such a cause stays
 
 
@@ -235,5 +238,7 @@ def test_a_lag_goes_where_a_lag_acts_not_where_what_it_looks_like_does() -> None
         WeighedCause(Cause("lag", "sensor", "", lagging("sensor")), 0.06, 0.0905),
     ]
     found = [F("lag", place="sensor", near=("rate",))]
-    model = move_sensor_blocks(lagging("sensor"), found, causes, 0.0005)  # type: ignore[arg-type]
+    known = move_sensor_blocks(lagging("sensor"), lagging("sensor"), found, causes, 0.0005)  # type: ignore[arg-type]
+    assert [b.place for b in known.blocks] == ["sensor"]  # the model in use has it at the gauge
+    model = move_sensor_blocks(lagging("sensor"), PLAIN, found, causes, 0.0005)  # type: ignore[arg-type]
     assert [b.place for b in model.blocks] == ["drive"]

@@ -116,6 +116,11 @@ CHANGES = [
             "with a delay, a lag is left at the gauge, and the stage stays behind by it",
         ),
         Change(
+            "moved-from-the-model-in-use", NAMING,
+            "[b for b in model.blocks if b not in in_use.blocks]", "model.blocks",
+            "a lag that the owner's model has at the gauge moves the stage after an offer",
+        ),
+        Change(
             "moved-to-what-looks-like-it", NAMING,
             "(c.place for c in causes if any(b.kind == kind for b in c.model.blocks))",
             "(c.place for c in causes)",
