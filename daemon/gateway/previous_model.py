@@ -12,6 +12,7 @@ from dehyst.daemon.config.drives import drive_range
 from dehyst.models.errors import DehystError
 from dehyst.models.inverse.compensator import Compensator, CompensatorState
 from dehyst.models.model import Floats, Model
+from dehyst.models.physics import split_off_one_recording
 
 LED_SAMPLES = 20_000
 """Past samples along which a model is advanced first, as many as the loop uses for a new model."""
@@ -26,6 +27,7 @@ class PreviousModel:
     def __init__(self, config: Config, model: Model, past: Past) -> None:
         self._gain, self._past = config.actuator.gain, past
         self._compensator: Compensator | None = None
+        model, _ = split_off_one_recording(model)
         try:
             low, high = drive_range(config, model)
             slew = config.limits.slew_v_per_s / self._gain

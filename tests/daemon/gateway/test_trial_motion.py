@@ -58,12 +58,18 @@ def test_the_tracking_of_steps_is_not_compared_with_that_of_a_raster(tmp_path: P
         assert over[1] == "accepted", over
 
 
-def test_the_model_before_expects_what_the_loop_expected_of_it(rig: TrialRig) -> None:
+CREEP = Block("earlier_creep", "stage", {"amount_um": -1.3, "since_s": 0.1})
+
+
+@pytest.mark.parametrize("blocks", [(), (CREEP,)], ids=["plain", "with one recording's past"])
+def test_the_model_before_expects_what_the_loop_expected_of_it(
+    rig: TrialRig, blocks: tuple[Block, ...]
+) -> None:
     """Simulated along the written voltage, the previous model predicts what the telemetry contains,
     except for a constant: it does not know the time before the samples that are kept."""
     rig.go(setpoints, 20.0)
     samples = np.array(rig.rig.records, TELEMETRY)[2000:]
-    before = PreviousModel(rig.config, scaled(1.2), rig.history.get)
+    before = PreviousModel(rig.config, replace(scaled(1.2), blocks=blocks), rig.history.get)
     found = np.concatenate([before.expect(samples[k : k + 50]) for k in range(0, 1000, 50)])
     off = found - samples["predicted"][:1000]
     assert np.ptp(off) < 1e-6
