@@ -147,6 +147,8 @@ def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[Writa
         yield WritableFit(bare, bare.refit(some) if some else bare.solve([]), False)
     if not problem.base.width or problem.is_single_loop:
         return  # one loop does not show another's shape, whichever of its rows are left out
+    if problem.has_few_distinct_places and not any(e.candidate.driven for e in effects):
+        return  # nor do a few places of a path that is run through again and again
     if _is_fitted_pointwise(problem):  # a base of few columns goes on between the places
         problem = replace(problem, base=compact_base(problem.data))
         final = problem.refit(effects)

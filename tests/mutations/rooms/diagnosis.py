@@ -860,6 +860,13 @@ CHANGES = [
             "a base with a value per place explains a delay away",
         ),
         Change(
+            "shape-of-few-places",
+            HANDOUT,
+            "if problem.has_few_distinct_places and not any(e.candidate.driven for e in effects):",
+            "if False:",
+            "a shape seen at ten places of a path is written, and another waveform is predicted worse",
+        ),
+        Change(
             "late-twice",
             SHORTLIST,
             "        and not (late and c.late)\n",
