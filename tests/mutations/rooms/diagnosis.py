@@ -864,7 +864,7 @@ CHANGES = [
             HANDOUT,
             "if problem.has_few_distinct_places and not any(e.candidate.driven for e in effects):",
             "if False:",
-            "a shape seen at ten places of a path is written, and another waveform is predicted worse",
+            "a shape seen at ten places is written, and another waveform is predicted worse",
         ),
         Change(
             "late-twice",
