@@ -34,8 +34,9 @@ class Screen:
         self.output = problem.output_of(current)
         self.known: dict[Any, Floats] = {}
         self._unmoved = problem.simulate(current, current.effects, self.output, self.known)
+        self._as_fitted = self.known, self._unmoved
         if (heads := problem.data.path.uncounted_heads()).size:
-            self._read_heads(heads)
+            self.known = self._with_heads_as_read(heads)
             self._unmoved = problem.simulate(current, current.effects, self.output, self.known)
         self.drive = problem.data.sampled(problem.drive_at_hysteresis(current.effects))
         self._design = current.design
@@ -54,13 +55,16 @@ class Screen:
         self._kept: dict[tuple[str, Theta], Floats] | None = None
         self._set_residual(problem.data.y - current.prediction)
 
-    def _read_heads(self, heads: Ints) -> None:
-        """Let the stage stand where it was read until the drive's past is known. What was fitted
-        to other rows may be anything there, and lags and modes would carry it on."""
+    def _with_heads_as_read(self, heads: Ints) -> dict[Any, Floats]:
+        """Return what is known with the stage standing where it was read until the drive's past is
+        known. What was fitted to other rows may be anything there, and lags and modes would carry
+        it on. An effect that lasts moves the stage there already, and would be counted twice."""
         data, current = self.problem.data, self.current
         heads = heads[np.isfinite(data.y[heads])]
         way = tuple(e for e in current.effects if e.candidate.mode == "drive")
-        self.known[way, "base"][heads] = (data.y - current.offsets[data.rec])[heads]
+        base = self.known[way, "base"].copy()
+        base[heads] = (data.y - current.offsets[data.rec])[heads]
+        return {(way, "base"): base}
 
     def _set_residual(self, residual: Floats) -> None:
         self.residual = residual
@@ -133,8 +137,9 @@ class Screen:
         }
         amplitudes = tuple(parts.get(e.candidate.key, np.zeros(0)) for e in effects)
         with_it = replace(self.current, amplitudes=amplitudes)
-        there = self.problem.simulate(with_it, effects, self.output, dict(self.known))
-        return (there - self._unmoved)[:, None]
+        known, unmoved = self._as_fitted if c.lasting else (self.known, self._unmoved)
+        there = self.problem.simulate(with_it, effects, self.output, dict(known))
+        return (there - unmoved)[:, None]
 
     def starts(self, candidate: Candidate) -> list[tuple[float, Theta]]:
         """Return (estimated fall of the sum of squares, start) for every start, best first.

@@ -325,6 +325,14 @@ def test_what_no_reading_determines_before_a_first_move_does_not_hide_a_mode() -
     assert found.verdict == "explained"
 
 
+@pytest.mark.parametrize(("seed", "case"), [(551237, "past-14"), (730418, "past-16")])
+def test_a_drift_from_before_two_recordings_is_no_creep(seed: int, case: str) -> None:
+    """Creep that starts from where a drifting stage was read has the drift in it already."""
+    found = diagnose(make_case(plan(seed, *parse(case))).given(), with_limits=False)
+    assert found.findings[0].name == "drift"
+    assert found.verdict == "explained"
+
+
 def test_the_shape_of_one_waveform_explains_no_other() -> None:
     """A mode that the only recording hardly excites: a shape fits that recording to the noise, and
     another waveform was left with 2.6 noises."""

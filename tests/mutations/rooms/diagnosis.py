@@ -503,9 +503,16 @@ CHANGES = [
         Change(
             "heads-are-anything",
             "models/diagnosis/screen.py",
-            "            self._read_heads(heads)\n",
+            "            self.known = self._with_heads_as_read(heads)\n",
             "            pass\n",
             "a mode that the first move of a recording excites is reported as unknown",
+        ),
+        Change(
+            "creep-from-what-was-read",
+            "models/diagnosis/screen.py",
+            "self._as_fitted if c.lasting else (self.known, self._unmoved)",
+            "(self.known, self._unmoved)",
+            "a drift that began before the recordings is named creep, and nothing is explained",
         ),
         Change(
             "what-is-needless-is-named",
