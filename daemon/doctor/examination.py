@@ -225,7 +225,8 @@ def _describe_company(
     findings: Sequence[Finding], causes: Sequence[WeighedCause], left: ChangeResiduals
 ) -> str:
     """Describe the findings after the first where that alone explains all that is new; else ""."""
-    others = dict.fromkeys(f.name for f in findings[1:] if f.name != findings[0].name)
+    known = {findings[0].name, "unknown"}
+    others = dict.fromkeys(f.name for f in findings[1:] if f.name not in known)
     if not others or not leaves_nothing_new(findings[0], causes, left):
         return ""
     return (

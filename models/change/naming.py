@@ -162,11 +162,11 @@ def move_sensor_blocks(
     well, else to the stage, which changes nothing of what the model predicts. Only for a change
     that is not the sensor's (`is_of_sensor`): the sensor then still reads as it did before."""
     for one in findings:
-        if one.place != "sensor":
-            continue
         alike = [o.cause for o in _of_names(one, causes)]
         elsewhere = [c for c in alike if c.place != "sensor"]
-        kinds = {b.kind for c in alike for b in c.model.blocks} if elsewhere else set()
+        if one.place != "sensor" or not elsewhere:
+            continue
+        kinds = {b.kind for c in alike for b in c.model.blocks}
         new = [b for b in model.blocks if b not in in_use.blocks]
         moved = [b for b in new if b.place == "sensor" and b.kind in kinds]
         if is_of_sensor(one, causes, noise2):

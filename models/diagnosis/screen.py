@@ -64,7 +64,7 @@ class Screen:
         way = tuple(e for e in current.effects if e.candidate.mode == "drive")
         base = self.known[way, "base"].copy()
         base[heads] = (data.y - current.offsets[data.rec])[heads]
-        return {(way, "base"): base}
+        return self.known | {(way, "base"): base}
 
     def _set_residual(self, residual: Floats) -> None:
         self.residual = residual

@@ -106,13 +106,12 @@ CHANGES = [
         ),
         Change(
             "left-at-the-gauge", NAMING,
-            "if one.place != \"sensor\":", "if True:",
+            "if one.place != \"sensor\" or not elsewhere:", "if True:",
             "a lag that may be the amplifier's is placed at the gauge and not compensated",
         ),
         Change(
             "left-at-the-gauge-beside-another", NAMING,
-            "if elsewhere else set()",
-            "if elsewhere and not is_of_sensor(one, causes, noise2) else set()",
+            "or not elsewhere:", "or not elsewhere or is_of_sensor(one, causes, noise2):",
             "with a delay, a lag is left at the gauge, and the stage stays behind by it",
         ),
         Change(
