@@ -109,12 +109,13 @@ class Recording:
         """Return one sentence that lists what is missing; "" if nothing is."""
         parts = []
         if n := int(self.missing_drive.sum()):
-            parts.append(f"{n} drive values missing")
+            parts.append(f"{n} drive value{'s' * (n > 1)} missing")
         if self.displacement is not None and (n := int(self.missing_displacement.sum())):
-            parts.append(f"{n} displacement values missing")
+            parts.append(f"{n} displacement value{'s' * (n > 1)} missing")
         if n := int(self.gaps.size):
             longest = float(np.diff(self.t_s)[self.gaps].max())
-            parts.append(f"{n} gaps in time, the longest {longest:.4g} s")
+            gaps = "1 gap in time of" if n == 1 else f"{n} gaps in time, the longest"
+            parts.append(f"{gaps} {longest:.4g} s")
         return f"{self.name}: {', '.join(parts)}" if parts else ""
 
 

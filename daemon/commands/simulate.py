@@ -61,8 +61,10 @@ def run(args: argparse.Namespace) -> int:
     print(f"{args.output}: {rows} rows, column y_model_{unit}")
     if found.band is not None:
         if max(found.outside.values(), default=0.0) < NEARLY_ALL:
-            rows_meant = "95 % of the rows inside the model's validity are within"
-            print(f"{rows_meant} +-{found.band:.4g} {unit}")
+            print(
+                f"95 % of the rows inside the model's validity are within +-{found.band:.4g} {unit}"
+                ", apart from the gauge's noise and a constant offset"
+            )
         else:
             print("no 95 % band: the drive is outside the model's validity")
     if error is not None:

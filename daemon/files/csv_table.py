@@ -9,6 +9,7 @@ line.
 import gzip
 import io
 import re
+import shlex
 import warnings
 import zlib
 from collections.abc import Iterator
@@ -203,8 +204,8 @@ def _parse_slowly(name: str, header: list[str], text: str, first_line: int) -> F
             cut = number == first_line + len(lines) - 1 and len(fields) < len(header)
             raise BadRecording(
                 f"{name}: line {number} has {len(fields)} fields, the header has {len(header)}"
-                + f": the last line is cut short; dehyst convert --unfinished {name} whole.csv "
-                "keeps the lines before" * cut
+                + ": the last line is cut short; dehyst convert --unfinished "
+                f"{shlex.quote(name)} whole.csv keeps the lines before" * cut
             )
         rows.append([_field(name, number, k, f) for k, f in zip(header, fields, strict=True)])
     return np.array(rows, dtype=np.float64).reshape(-1, len(header))

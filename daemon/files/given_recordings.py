@@ -11,7 +11,6 @@ import numpy as np
 from dehyst.daemon.files.axis_columns import unit_factor
 from dehyst.daemon.files.foreign.reading import reading_of
 from dehyst.daemon.files.recordings import read_recording, read_recordings
-from dehyst.daemon.files.times import doubt_seconds
 from dehyst.daemon.printable import printable
 from dehyst.models.recording import Floats, Recording
 from dehyst.models.units import UNIT_NAMES
@@ -21,20 +20,16 @@ def read_given(
     paths: Iterable[Path],
     args: argparse.Namespace,
     need_displacement: bool = True,
-    doubt: bool = True,
     defects: bool = False,
 ) -> list[Recording]:
     """Return the recordings in these files, with distinct names if two folders hold the same file
-    name, and several of a file whose clock went back. args: with the options of add_reading; doubt:
-    report times that may be milliseconds; defects: report missing values and gaps. Raises
-    BadInput."""
+    name, and several of a file whose clock went back. args: with the options of add_reading;
+    defects: report missing values and gaps. Raises BadInput."""
     reading = reading_of(args)
     out: list[Recording] = []
     for path in paths:
         parts = read_recordings(path, need_displacement=need_displacement, reading=reading)
         say_read(parts[0].read)
-        if doubt and not (reading.time_unit or reading.rate_hz):
-            say_read(_doubt(parts[0]))
         for one in parts:
             say_read(one.defects() if defects else "")
             taken = any(one.name == other.name for other in out)
@@ -45,11 +40,8 @@ def read_given(
 def read_one_given(path: Path, args: argparse.Namespace, min_rows: int = 1) -> Recording:
     """Return the only recording in a file; its displacement may be missing. Raises BadInput, also
     if its clock went back."""
-    reading = reading_of(args)
-    recording = read_recording(path, min_rows=min_rows, reading=reading)
+    recording = read_recording(path, min_rows=min_rows, reading=reading_of(args))
     say_read(recording.read)
-    if not (reading.time_unit or reading.rate_hz):
-        say_read(_doubt(recording))
     say_read(recording.defects())
     return recording
 
@@ -71,11 +63,6 @@ def say_defects(name: str, columns: Mapping[str, Floats]) -> None:
     )
     shown = Recording(t_s, np.zeros(t_s.size) if drive is None else drive, displacement, name=name)
     say_read(shown.defects())
-
-
-def _doubt(recording: Recording) -> str:
-    remark = doubt_seconds(recording.name, recording.t_s, False)
-    return f"{recording.name}: {remark}" if remark else ""
 
 
 def say_read(text: str) -> None:

@@ -1,8 +1,9 @@
 """Write results without losing anything of the user's.
 
-An output never replaces an input, under any name or link; an existing recording is replaced only if
-the user asked for it; only ordinary files are written to. A file appears complete or not at all: it
-is written under a temporary name, flushed to disk, and then renamed.
+An output never replaces an input, under any name or link; a result of an earlier run (a model, a
+report, a picture) is written again, any other existing file only if the user asked for it; only
+ordinary files are written to. A file appears complete or not at all: it is written under a
+temporary name, flushed to disk, and then renamed.
 """
 
 import argparse
@@ -16,13 +17,12 @@ from typing import BinaryIO
 from dehyst.drivers import system
 from dehyst.models.errors import BadInput, DehystError
 
-RECORDINGS = (
-    ".csv", ".csv.gz", ".txt", ".dat", ".tsv", ".lvm", ".asc", ".prn", ".npz", ".npy", ".mcap",
-    ".mat", ".h5", ".hdf5", ".hdf", ".nc", ".xlsx", ".xlsm", ".tdms", ".parquet", ".feather",
-    ".jsonl", ".gz", ".bz2", ".xz", ".zip",
-)  # fmt: skip
-"""All kinds that loading.SUFFIXES lists, which would import every reader; but .json: what dehyst
-learned, kept and reported is in such files, which are written again."""
+RESULTS = (".html", ".png", ".json", ".md")
+"""Suffixes of results, which a run writes again; but STATE."""
+STATE = {"setup.json", "units.json"}
+"""Files of these names hold what a set-up did and which devices are known."""
+MODEL_TABLE, HEAD_BYTES = b"[hysteresis]", 4096
+"""What a model file holds near its beginning, and how much of it is looked at."""
 WITH_NOTES = (".csv", ".csv.gz")
 
 
@@ -31,10 +31,18 @@ def notes_path(path: Path) -> Path:
     return path.with_name(f"{path.name}.meta.json")
 
 
+def _is_result(path: Path) -> bool:
+    """Return whether an existing file is a result of dehyst's: a model, a report or a picture."""
+    if path.suffix.lower() == ".toml" and path.is_file():
+        with path.open("rb") as file:
+            return MODEL_TABLE in file.read(HEAD_BYTES)
+    return path.name.lower().endswith(RESULTS) and path.name not in STATE
+
+
 def add_force(parser: argparse.ArgumentParser) -> None:
     """Add the --force option."""
     parser.add_argument(
-        "--force", action="store_true", help="replace an existing recording (never an input)"
+        "--force", action="store_true", help="replace existing files (never an input)"
     )
 
 
@@ -56,10 +64,10 @@ def check_outputs(
         if any(_same(path, other) for other in written):
             raise BadInput(f"{path}: two outputs would go to this file; choose two names")
         check_place(path)
-        kind, notes = path.name.lower(), notes_path(path)
-        if not force and path.exists() and kind.endswith(RECORDINGS):
+        notes = notes_path(path)
+        if not force and path.exists() and not _is_result(path):
             raise BadInput(f"{path}: exists already; choose another name, or --force replaces it")
-        if not force and notes.exists() and kind.endswith(WITH_NOTES):
+        if not force and notes.exists() and path.name.lower().endswith(WITH_NOTES):
             raise BadInput(
                 f"{notes}: exists already, and the notes of {path.name} are written there; choose "
                 "another name, or --force replaces it"

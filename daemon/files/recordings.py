@@ -12,6 +12,7 @@ raises BadRecording with a one-line message.
 import gzip
 import hashlib
 import itertools
+import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -103,7 +104,7 @@ def recording_of(
 def _several(path: Path, parts: int) -> str:
     return (
         f"{path.name}: the clock goes back, so that there are {parts} recordings in it; dehyst "
-        f"convert {path.name} part.csv writes each to a separate file"
+        f"convert {shlex.quote(path.name)} part.csv writes each to a separate file"
     )
 
 
@@ -115,10 +116,11 @@ def _recordings(
     drive = _unit_column(name, loaded, "u", "drive", required=True)
     disp = _unit_column(name, loaded, "y", "displacement", required=need_displacement)
     longest = max(times.parts, key=lambda part: part[1] - part[0])
-    doubt_seconds(name, times.t_s[slice(*longest)], loaded.seconds or bool(reading.time_unit))
+    known = loaded.seconds or bool(reading.time_unit)
+    doubt = doubt_seconds(name, times.t_s[slice(*longest)], known)
     others = [f"y_{unit}" for unit in UNIT_NAMES if f"y_{unit}" in columns and f"y_{unit}" != disp]
     which = f"displacement from {disp}, not from {' or '.join(others)}" if others else ""
-    said = _say(name, loaded, times, which)
+    said = _say(name, loaded, times, which, doubt)
     further = {k: v for k, v in columns.items() if k not in ("t_s", drive, disp)}
     channels = to_channels(further, disp[2:] if disp else "um", drive[2:])
     out = []
@@ -147,8 +149,8 @@ def _recordings(
     return out
 
 
-def _say(name: str, loaded: Loaded, times: Times, doubt: str) -> str:
-    said = [text for text in (loaded.said, *times.said, doubt) if text]
+def _say(name: str, loaded: Loaded, times: Times, *remarks: str) -> str:
+    said = [text for text in (loaded.said, *times.said, *remarks) if text]
     return f"{name}: read {times.t_s.size} rows: {'; '.join(said)}" if said else ""
 
 
@@ -194,7 +196,7 @@ def _trajectory(name: str, loaded: Loaded, min_rows: int, column: str) -> Trajec
     further = {k: values for k, values in columns.items() if k not in ("t_s", key)}
     unit = key.rpartition("_")[2]
     channels = targets_as_channels(further, unit)
-    said = _say(name, loaded, times, "")
+    said = _say(name, loaded, times)
     return Trajectory(times.t_s, columns[key], unit, name, channels=channels, read=said)
 
 

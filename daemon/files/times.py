@@ -13,9 +13,6 @@ import numpy as np
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Bools, Floats
 
-ROUNDED_SHARE = 0.002
-"""Largest share of rows that repeat the previous time and still count as rows written twice; with
-more, the times are rounded."""
 LEAST_DIGITS, OFF_THE_LINE = 50, 0.75
 """Limits in units of the last digit of rounded times. LEAST_DIGITS: least span, so that the mean
 step is accurate to about one percent. OFF_THE_LINE: largest deviation from a straight line:
@@ -102,15 +99,13 @@ def _settle_part(
     where: Callable[[int], str],
     said: list[str],
 ) -> None:
-    """Repair one part whose times do not go back: repeated times mean that times are rounded or
-    rows written twice."""
+    """Repair one part whose times do not go back: repeated times mean that rows are written twice,
+    if they repeat all other columns as well, or else that the times are rounded."""
     part = t_s[begin:end]
     repeated = np.flatnonzero(np.diff(part) == 0.0) + 1
     if not repeated.size:
         return
-    if all(same_row(begin + int(row)) for row in repeated[:1000]) and repeated.size <= max(
-        1000, ROUNDED_SHARE * part.size
-    ):
+    if all(same_row(begin + int(row)) for row in repeated):
         keep[begin + repeated] = False
         rows = "1 row that is" if repeated.size == 1 else f"{repeated.size} rows that are"
         said.append(f"{rows} written twice left out")

@@ -8,6 +8,7 @@
 """
 
 import io
+import shlex
 import zlib
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -27,8 +28,8 @@ def not_finished(path: Path) -> BadRecording:
     """Return the error for a recording whose writer did not finish."""
     return BadRecording(
         f"{path.name}: its writer did not finish (it was killed, or the disk was full); "
-        f"dehyst convert --unfinished {path.name} whole{path.suffix.lower()} recovers the complete "
-        "part"
+        f"dehyst convert --unfinished {shlex.quote(path.name)} whole{path.suffix.lower()} recovers "
+        "the complete part"
     )
 
 

@@ -191,7 +191,7 @@ def _find_missing(
         rate.append(
             f"only {covered:.0%} of drive and rate are covered "
             f"(up to {rate_max:.3g} {spell_unit(unit)}/s): "
-            "rate and drive are tied together as in one sine or triangle, so rate-dependence "
-            "cannot be distinguished from the shape of the loop"
+            "rate and drive are tied together as in one sine or triangle, so a rate-dependence "
+            "may be a part of the shape of the loop"
         )
     return tuple(static), tuple(rate)

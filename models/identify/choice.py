@@ -59,7 +59,9 @@ def make_choice(setup: FitSetup, options: Options, progress: Callable[[str], Non
     lags = not repeats_one_loop(drives)
     if lags:
         rich = _choose_without_drift(setup, options, progress, Shown(True, True), drives)
-        if period_s is None or (rich.best.has_lag and _outlasts_drift(rich, period_s)):
+        if period_s is None:
+            return _without_vague_lag(rich, options, progress)
+        if rich.best.has_lag and _outlasts_drift(rich, period_s):
             return rich  # with a lag the stage is dynamic: then its weights may be, too
     shown = Shown(rates=False, lags=lags)
     found = _choose_without_drift(setup, options, progress, shown, drives)
@@ -77,6 +79,21 @@ def make_choice(setup: FitSetup, options: Options, progress: Callable[[str], Non
             f"{left}; a second recording at another rate, or one with an edge, identifies it"
         )
     return found
+
+
+def _without_vague_lag(found: Choice, options: Options, progress: Callable[[str], None]) -> Choice:
+    """Choose again without a lag where it removes less than a third of the misfit beyond the noise:
+    in a stage of another class it then imitates a part of the loop's shape."""
+    best = found.best
+    if not best.has_lag or found.search.compare_without_lag(best, found.tried) < TUNING.most:
+        return found
+    shown = found.shown._replace(lags=False)
+    static = _choose(found.setup, options, progress, shown, found.drives, found.ramp, found.notes)
+    static.notes.append(
+        "a lag or delay would remove less than a third of what the model leaves, as the loop's "
+        "shape may too: the model has none; a recording with an edge shows it"
+    )
+    return static
 
 
 def _choose_without_drift(

@@ -25,7 +25,7 @@ from dehyst.models.identify.choice import (
     shows_drift,
     without_ramp,
 )
-from dehyst.models.identify.data.rows import Rows, read_rows
+from dehyst.models.identify.data.rows import Rows, find_measured_range, read_rows
 from dehyst.models.identify.data.stretches import take_stretches
 from dehyst.models.identify.equations import Params
 from dehyst.models.identify.final import Fitted, fit_all
@@ -33,7 +33,6 @@ from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.identified import Identification, Options, RecordingResidual
 from dehyst.models.identify.plausibility.own_input import require_ordinary_loop, require_own_input
 from dehyst.models.identify.plausibility.recordings import (
-    note_slow_times,
     require_better_than_a_line,
     require_different,
     require_drive_first,
@@ -188,8 +187,8 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     best, fitted = fit_chosen(chosen, options, progress, notes)
     if fitted.costly:
         notes.append(
-            "right after a reversal the displacement moves against the drive, more than an "
-            "invertible model can; the nearest invertible model is used"
+            "the fit that leaves least would move against the drive right after a reversal, and "
+            "could not be inverted; the nearest model that can be is used"
         )
     if (size := count_picked(setup.picks)) > TUNING.rows_fitted:
         notes.append(f"a random part of the {size} rows was fitted; the error is that of all rows")
@@ -329,7 +328,6 @@ def _result(
         chosen=found.best,
         static_because=found.static_because,
         notes=(
-            *note_slow_times(setup.rows),
             *(n for one in setup.rows for n in one.notes),
             *found.notes,
         ),
@@ -338,13 +336,14 @@ def _result(
 
 def _find_validity(setup: FitSetup) -> Validity:
     rows, slowest = setup.rows, []
+    low, high = find_measured_range(rows)
     for one in rows:
         known = ~np.isnan(one.u)
         slowest.append(measure_slowest_s(one.t_s[known], one.u[known], setup.span))
     bands = [b for one in rows if (b := measure_band_hz(one.u, one.period_s)) is not None]
     return Validity(
-        drive_min=setup.drive_min,
-        drive_max=setup.drive_max,
+        drive_min=low,
+        drive_max=high,
         rate_max=setup.rate_max or None,
         acceleration_max=(setup.acceleration_max or None) if setup.by_turns else None,
         band_hz=max(bands, default=None),

@@ -57,7 +57,10 @@ class LagSearch:
         held-out stretches clearly better, because a lag also gains a little where the hysteresis is
         of another class than the model's. Which side it is on may not show yet, since the structure
         was chosen without a lag. A lag within one sample shows neither side, and is the drive's.
+        Rows further apart than the longest lag show none.
         """
+        if self.period > TUNING.longest_lag_s:
+            return []
         without = {loose: self._misfit(None, loose) for loose in (True, False)}
         shift = self._find_delay(True, without[True], without[True] * (1.0 - TUNING.trace))
         # the bounded fit must beat the one without a lag, and the held-out error of the free

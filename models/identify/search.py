@@ -175,7 +175,7 @@ class Search:
     def outlasts_drift(
         self, found: TriedStructure, tried: Sequence[TriedStructure], period_s: float
     ) -> bool:
-        """Return whether dynamics remove the larger part of what every static candidate leaves,
+        """Return whether dynamics leave less than a tenth of what every static candidate leaves,
         each period of the drive with its own offset. With one period, a drift, or a change of size
         in a stage of another class, looks like a lag or a rate-dependence. Many recordings are
         trusted, as each has its own offset already."""
@@ -187,7 +187,17 @@ class Search:
             return float(trial.score(one.shape, self.setup.strengths[::2]).held.sum())
 
         static = [left(c) for c in tried if c.lag is None and not c.shape.rate]
-        return not static or left(found) < TUNING.half * min(static)
+        return not static or left(found) < TUNING.minor * min(static)
+
+    def compare_without_lag(self, found: TriedStructure, tried: Sequence[TriedStructure]) -> float:
+        """Return the misfit of a candidate with a lag over that of the best without one, both
+        beyond the noise."""
+        rate = found.shape.rate
+        without = [c for c in tried if not c.has_lag and c.shape.rate == rate]
+        if not without:
+            return 0.0
+        least = min(without, key=lambda c: float(c.held.sum()))
+        return _compare_beyond(self._measure_noise(found), least, found)
 
     def _score_rival(self, static: TriedStructure) -> TriedStructure:
         """Score the static structure with slopes that depend on the place."""
@@ -245,11 +255,13 @@ class Search:
     def _try_derivative(self, best: TriedStructure) -> list[TriedStructure]:
         """Return candidates whose rate is the derivative at the sample, as for a stage in
         continuous time, instead of the difference from the sample before; none if such a candidate
-        fits the recording clearly worse.
+        fits the recording clearly worse, or half a sample is longer than any lead.
 
         This is a convention and not a richer model, so the evidence decides.
         """
         period = float(np.median([one.period_s for one in self.setup.rows]))
+        if period > TUNING.longest_lag_s:
+            return []
         half = Dynamics(LEAD, "drive", (0.5 * period,))
         trial = Trial(self.setup, self.picks, self.r, best.offset, half)
         trial.linearise(best.params, best.shape, best.shape.powers)

@@ -8,6 +8,7 @@ import numpy as np
 
 from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS
 from dehyst.daemon.files.foreign.beside import (
+    factor_beside,
     group_of,
     label_beside,
     labelled,
@@ -53,6 +54,8 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
             columns += clock
         elif array.size == 1 and array.dtype.kind in "biuf":
             kept[name] = repr(float(array.reshape(-1)[0]))
+            if one.unit:
+                kept[f"{name}_unit"] = one.unit
         elif more := _columns(name, one.unit, array):
             columns += more
             wide.append((one, more))
@@ -65,8 +68,13 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
     for column in columns:
         column.unit = column.unit or unit_beside(column.heading, kept)
     for one, of in wide:
+        group = group_of(one.name)
+        is_alone = sum(group_of(other.name) == group for other, _ in wide) == 1
+        factor = factor_beside(one.name, kept, is_alone)
         _name(one, of, columns, lists, kept)
-    found = Sheet(columns, kept, period_in(kept.items()))
+        for column in of:
+            column.unit = f"{column.unit}{factor}".strip()
+    found = Sheet(columns, kept, period_in(kept))
     used = {name for name, texts in lists.items() if any(len(texts) == len(of) for _, of in wide)}
     if solid:
         found.said.append(

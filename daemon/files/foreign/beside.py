@@ -1,15 +1,29 @@
 """Find what a file states beside its arrays: names and units of their columns, and the period."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from dehyst.daemon.files.foreign.found import Column
 from dehyst.daemon.files.foreign.headings import apart
 from dehyst.daemon.files.foreign.roles import role_of
 from dehyst.daemon.files.foreign.stated_step import SAME_STEP, stated_step
-from dehyst.daemon.files.foreign.units import find_unit_key, split_heading, states_no_unit
+from dehyst.daemon.files.foreign.units import (
+    TIME,
+    UNITS,
+    find_unit_key,
+    split_heading,
+    states_no_unit,
+)
 
 UNIT_FIELDS = ("unit", "units", "unit_string")
+FACTOR_FIELDS = {
+    "scale", "scaling", "scalingfactor", "scalefactor", "factor", "gain", "multiplier",
+    "conversion", "conversionfactor", "calibration", "calibrationfactor", "cal", "sensitivity",
+    "slope", "lsb",
+}  # fmt: skip
+"""Names, without "_", of a number that the numbers beside it may still have to be multiplied by."""
+APPLIED = ("scale_factor", "add_offset")
+"""Attributes of the CF conventions, which the reader applies."""
 LABEL_FIELDS = ("label", "name", "title", "long_name")
 LONGEST_LABEL = 60
 _LISTS_NAMES = re.compile(
@@ -71,18 +85,57 @@ def name_columns(columns: Sequence[Column], names: Sequence[str], units: Sequenc
 def unit_beside(heading: str, notes: Mapping[str, str]) -> str:
     """Return the unit that a file states beside an array, "" if it states none: "units.drive" or
     "drive_unit" for "drive", "rec.drive.unit" or "signals.0.label" ("Drive [mV]") for
-    "rec.drive.data"."""
+    "rec.drive.data". The unit of a structure is not that of the times in it."""
+    if unit := _own_unit(heading, notes):
+        return unit
+    beside = _notes_beside(heading, notes)
+    stated = [beside[key] for key in UNIT_FIELDS if key in beside]
+    stated += [split_heading(beside[key])[1] for key in LABEL_FIELDS if key in beside]
+    if role_of(heading[len(group_of(heading)) :], "")[0] == "t":
+        stated = [unit for unit in stated if UNITS.get(find_unit_key(unit), ("",))[0] == TIME]
+    return next(filter(None, stated), "")
+
+
+def _own_unit(heading: str, notes: Mapping[str, str]) -> str:
+    """Return the unit that is stated for an array or a number by its own name."""
     group = group_of(heading)
     own = heading[len(group) :]
     for field in UNIT_FIELDS:  # "units.drive", "drive_unit"
         for name in (f"{field}.{own}", f"{field}/{own}", f"{own}_{field}", f"{own}.{field}"):
             if unit := notes.get(group + name, ""):
                 return unit
-    beside = _notes_beside(heading, notes)
-    if unit := next((beside[key] for key in UNIT_FIELDS if key in beside), ""):
-        return unit
-    labels = (split_heading(beside[key])[1] for key in LABEL_FIELDS if key in beside)
-    return next(filter(None, labels), "")
+    return ""
+
+
+def factor_beside(heading: str, notes: Mapping[str, str], is_alone: bool) -> str:
+    """Return the factor, and the offset, that a file states beside an array without saying whether
+    its numbers were multiplied, as part of a unit that is then asked for: " x 15", "" where it
+    states none. is_alone: whether no other array is in its structure."""
+    group = group_of(heading)
+    own = heading[len(group) :]
+    factor, offset = 1.0, 0.0
+    for name, text in notes.items():
+        if not name.startswith(group) or name in (f"{heading}.{used}" for used in APPLIED):
+            continue
+        rest = name[len(group) :]
+        beside = rest.removeprefix(own)
+        if beside != rest and beside[:1] in ("", *"._/"):
+            rest = beside[1:]
+        elif not (is_alone and group):
+            continue
+        field = rest.lower().replace("_", "")
+        factor = _number(text, factor) if field in FACTOR_FIELDS else factor
+        offset = _number(text, offset) if field == "offset" else offset
+    if (factor, offset) == (1.0, 0.0):
+        return ""
+    return f" x {factor:g}" + (f" + {offset:g}" if offset else "")
+
+
+def _number(text: str, otherwise: float) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return otherwise
 
 
 def label_beside(heading: str, notes: Mapping[str, str]) -> str:
@@ -116,9 +169,12 @@ def labelled(heading: str, label: str) -> str:
     return f"{group_of(heading).rstrip('/.')}/{said[-1]}".lstrip("/")
 
 
-def period_in(stated: Iterable[tuple[str, object]]) -> float:
-    """Return the sampling period [s] in (name, value) pairs such as ("rec.Fs", 1000.0), 0 if none
-    states one, or if two contradict each other."""
-    cells = ([re.split(r"[/.]", name)[-1], str(value)] for name, value in stated)
+def period_in(notes: Mapping[str, str]) -> float:
+    """Return the sampling period [s] in values by name such as {"rec.Fs": "1", "rec.Fs_unit":
+    "kHz"}, 0 if none states one, or if two contradict each other."""
+    cells = (
+        [re.split(r"[/.]", name)[-1], value, *filter(None, [_own_unit(name, notes)])]
+        for name, value in notes.items()
+    )
     steps = [step for pair in cells if (step := stated_step(pair, "."))]
     return steps[0] if steps and max(steps) <= (1.0 + SAME_STEP) * min(steps) else 0.0

@@ -28,6 +28,7 @@ from dehyst.daemon.files.foreign.roles import (
     role_of,
     says_neither,
     says_role,
+    shows_another,
 )
 from dehyst.daemon.files.foreign.units import ANGLE, LENGTH, VOLTAGE, find_unit_key, split_heading
 from dehyst.models.errors import BadRecording
@@ -263,9 +264,11 @@ def _most_like(
     other = others.get("y" if role == "u" else "u")
     beside = _marks(columns[other].heading) if other is not None else set()
 
-    def fits(i: int) -> tuple[int, bool]:
-        kind = kind_of(columns[i].heading, find_unit_key(columns[i].unit))
-        return len(_marks(columns[i].heading) & beside), role == "y" and kind in (LENGTH, ANGLE)
+    def fits(i: int) -> tuple[int, bool, bool]:
+        heading = columns[i].heading
+        kind = kind_of(heading, find_unit_key(columns[i].unit))
+        moves = role == "y" and kind in (LENGTH, ANGLE)
+        return len(_marks(heading) & beside), moves, not shows_another(heading)
 
     return max(of, key=fits)
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from dehyst.daemon.files.foreign.found import Column
 from dehyst.daemon.files.foreign.stated_step import SAME_STEP
-from dehyst.daemon.files.foreign.units import read_heading
+from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key, read_heading
 
 _LONG = re.compile(r"\d{16,19}")
 _THIS_CENTURY = {"ns": (10**18, 41 * 10**17), "us": (10**15, 41 * 10**14)}
@@ -42,6 +43,47 @@ def continued(values: Any, clock: bool) -> tuple[Any, list[int]]:
             ahead[back + 1] = turn
             return values + np.cumsum(ahead), [int(row) + 1 for row in back]
     return values, []
+
+
+def join_clocks(columns: Sequence[Column]) -> Column | None:
+    """Return the times that several columns hold together, such as "Hour", "Min", "Sec", "msec", as
+    one column of seconds; None if the columns hold none."""
+    parts = [
+        (c, UNITS[unit][2])
+        for c in columns
+        if not c.clock and (unit := find_unit_key(c.unit) or read_heading(c.heading).unit)
+        if UNITS[unit][0] == TIME
+    ]
+    scales = [scale for _, scale in parts]
+    if len(parts) < 2 or scales != sorted(set(scales), reverse=True):
+        return None
+    values = [np.asarray(c.values, dtype=np.float64) for c, _ in parts]
+    for k, v in enumerate(values):
+        most = np.inf if k == 0 else scales[k - 1] / scales[k]
+        whole = k == len(values) - 1 or bool(np.all(v == np.round(v)))
+        if not (whole and np.all((v >= 0.0) & (v < most))):
+            return None
+    heading = " + ".join(c.heading for c, _ in parts)
+    whole_days = 86400.0 * np.floor(values[0][0] * scales[0] / 86400.0)  # since 1970, perhaps
+    values[0] = values[0] - whole_days / scales[0]
+    together = np.sum([v * scale for v, scale in zip(values, scales, strict=True)], axis=0)
+    return Column(heading, together, "s", clock=True, number=parts[0][0].number)
+
+
+def is_packed_clock(values: Any) -> bool:
+    """Return whether numbers (N,) hold hours, minutes and seconds one behind the other, such as
+    140759.5: they never show a second or a minute of 60 or more, and jump by 40 into a new
+    minute."""
+    values = np.asarray(values, dtype=np.float64)
+    values = values[np.isfinite(values)]
+    steps = np.diff(values)
+    jumps = np.abs(steps) >= 40.0
+    if not np.any(jumps) or not np.all((values >= 0.0) & (values < 240_000.0)):
+        return False
+    usual = float(np.median(steps))
+    in_turn = np.all((values % 100.0 < 60.0) & (values // 100.0 % 100.0 < 60.0))
+    short = np.all(np.minimum(steps[jumps] % 40.0, steps[jumps]) <= LONGEST_TURN * usual)
+    return bool(in_turn and short and np.all(np.diff(values // 100.0)[jumps] > 0.0))
 
 
 def count_from_first(cell: Any, j: int, first: dict[int, int], may_begin: bool) -> float | None:

@@ -5,11 +5,13 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS
+from dehyst.daemon.files.foreign.beside import UNIT_FIELDS
 from dehyst.daemon.files.foreign.epochs import count_from_first, epoch_unit, is_rising
 from dehyst.daemon.files.foreign.fields import moment_of, number_of
 from dehyst.daemon.files.foreign.found import Column, Sheet
@@ -99,7 +101,7 @@ def lay_out(
     names, step_s = gcs_header(above, width)
     found.headings[: len(names)] = names
     step_s = step_s or found.step_s
-    stated = [step for _, row in left if (step := stated_step(texts_of(row), decimal))]
+    stated = [step for cells in _with_units_below(left) if (step := stated_step(cells, decimal))]
     if stated and max(stated) <= (1.0 + SAME_STEP) * min(stated):  # otherwise they contradict
         step_s = step_s or stated[0]
     width = len(found.headings)
@@ -130,6 +132,16 @@ def lay_out(
         unclear=unclear,
         header=found.header,
     )
+
+
+def _with_units_below(lines: Sequence[tuple[int, Row]]) -> list[list[str]]:
+    """Return the fields of the preamble's lines; those of two fields with the unit that the next
+    line gives alone: "Sampling rate,1" above "Unit,kHz"."""
+    cells = [texts_of(row) for _, row in lines]
+    for here, below in pairwise(cells):
+        if len(here) == len(below) == 2 and below[0].rstrip(":=").strip().lower() in UNIT_FIELDS:
+            here.append(below[1])
+    return cells
 
 
 def _units_in_rows(rows: Sequence[Row], numeric: Sequence[bool]) -> dict[int, str]:

@@ -190,8 +190,7 @@ def _number_in(attributes: Any, *names: str) -> float | None:
 
 def _as_scaled(attributes: Any, values: Any) -> tuple[str, Any]:
     """Return (unit, values) of a dataset as the CF conventions unpack it: `_FillValue` is missing,
-    and the rest times `scale_factor` plus `add_offset`. A factor of another convention is put into
-    the unit, which is then asked for."""
+    and the rest times `scale_factor` plus `add_offset`."""
     unit = _unit_in(attributes)
     if values.dtype.kind not in "iuf":
         return unit, values
@@ -202,11 +201,7 @@ def _as_scaled(attributes: Any, values: Any) -> tuple[str, Any]:
         lost = np.isin(values, known)
         values = values * (1.0 if factor is None else factor) + (offset or 0.0)
         values[lost] = np.nan
-    other = _number_in(attributes, "scaling_factor", "scale", "gain")
-    other, zero = 1.0 if other is None else other, _number_in(attributes, "offset") or 0.0
-    if (other, zero) != (1.0, 0.0):
-        unit = f"{unit} x {other:g}" + (f" + {zero:g}" if zero else "")
-    return unit.strip(), values
+    return unit, values
 
 
 def read_xlsx(path: Path) -> Sheet:
@@ -291,11 +286,11 @@ def read_tdms(path: Path) -> Sheet:
             size = 0
             for group in groups:
                 for channel in group.channels():
-                    notes.update(_remarks(f"{channel.name}.", channel.properties))
+                    name = f"{group.name}/{channel.name}" if len(groups) > 1 else channel.name
+                    notes.update(_remarks(f"{name}.", channel.properties))
                     size += 8 * len(channel)
                     if size > MOST_BYTES:
                         raise BadRecording(f"holds more than {MOST_BYTES >> 20} MB")
-                    name = f"{group.name}/{channel.name}" if len(groups) > 1 else channel.name
                     step = channel.properties.get("wf_increment", 0.0)
                     along = str(channel.properties.get("wf_xunit_string", "") or "s")
                     kind, _, factor = UNITS.get(find_unit_key(along), ("", "", 0.0))
@@ -349,23 +344,32 @@ def read_netcdf(path: Path) -> Sheet:
         if file.read(4) == b"\x89HDF":
             return read_hdf5(path)
     with netcdf_file(path, mmap=False) as read:
+        notes: dict[str, str] = {}
+        for name, variable in read.variables.items():
+            notes |= _remarks(f"{name}.", vars(variable))
         return found_in(
             (
                 Given(name, values, unit)
                 for name, variable in read.variables.items()
                 for unit, values in [_as_scaled(vars(variable), variable[:])]
             ),
-            {},
+            notes,
         )
 
 
 def read_json(path: Path) -> Sheet:
-    """Read JSON, or a JSON value in each line: columns by name, or a list of rows."""
+    """Read JSON, or a JSON value in each line, as also files named .json hold: columns by name, or
+    a list of rows."""
     import json
 
     text = path.read_text("utf-8-sig")
-    rows = text.splitlines() if path.suffix.lower() == ".jsonl" else []
-    value = [json.loads(row) for row in rows if row.strip()] if rows else json.loads(text)
+    rows = [row for row in text.splitlines() if row.strip()]
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError as error:
+        if len(rows) < 2 or not error.msg.startswith("Extra data"):
+            raise
+        value = [json.loads(row) for row in rows]
     return found_in((Given(*one) for one in flattened(by_columns(value))), {})
 
 

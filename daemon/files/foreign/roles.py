@@ -60,6 +60,8 @@ _OUT = {"output", "outputs", "out", "ausgang", "vout", "uout"}
 _ANALOG = {"analog", "analogue", "daq"}
 _DAQ_IN, _DAQ_OUT = {"ai", "adc", "analogeingang"}, {"ao", "dac", "analogausgang"}
 """Of a data acquisition device, whose output drives and whose input measures."""
+_MONITOR = {"monitor", "mon", "monitored"}
+"""Words of an output that shows another voltage divided, which may have a column of its own."""
 _NEITHER = {
     "model", "status", "state", "mode", "temp", "temperature", "temperatur", "error", "flag", "std",
     "noise", "wavelength", "thickness", "battery", "supply", "alarm",
@@ -110,6 +112,8 @@ def role_of(heading: str, unit: str) -> tuple[str, int]:
         return "t", BY_UNIT
     if sensed and not driven:
         return "y", BY_WORD
+    if words & _MONITOR and (driven or voltage) and not sensed:
+        return "u", BY_UNIT
     if driven and not sensed:
         return "u", BY_WORD
     if driven and sensed:
@@ -170,6 +174,11 @@ def may_be_drive(heading: str, unit: str) -> bool:
     words = _words(heading)
     either = bool(words & _EITHER) and not words & (_DISPLACEMENT - _EITHER)
     return either and bool(words & _VOLTAGE) and kind_of(heading, unit) in (VOLTAGE, "")
+
+
+def shows_another(heading: str) -> bool:
+    """Return whether a heading is that of a monitor, which shows another voltage divided."""
+    return bool(_words(heading) & _MONITOR)
 
 
 def counts_rows(heading: str) -> bool:

@@ -22,7 +22,8 @@ SAME_STEP = 0.01
 """Share by which two periods that one file states may differ, as they are rounded."""
 SURELY_SECONDS = 0.02
 """A period without a unit that is shorter than this [s] is one in seconds: as milliseconds it would
-be more than 50 kHz, which no recording of a stage needs."""
+be more than 50 kHz, which no recording of a stage needs. A "scan rate" of fewer rows per second may
+be the lines of a microscope."""
 _REST_OF_A_NUMBER = re.compile(r"\d{3}(?!\d)(?:[.,]\d*)?\s*[^\d\s]*")
 _STATED = re.compile(r"([-+]?\d[\d.,']*(?:e[-+]?\d+)?)\s*(.*)", re.IGNORECASE)
 _RATE_UNIT = re.compile(r"([kMG]?)(?:Hz|Sa?/s|Samples?/s|Hertz|1/s)", re.IGNORECASE)
@@ -31,8 +32,8 @@ _RATE_UNIT = re.compile(r"([kMG]?)(?:Hz|Sa?/s|Samples?/s|Hertz|1/s)", re.IGNOREC
 def stated_step(cells: Sequence[str], decimal: str) -> float:
     """Return the sampling period [s] that a line of the preamble states, as fields or as one text
     ("fs = 1 kHz"), 0 if it states none, in a unit that is not known or may not be that of time
-    ("Increment,0.5", which may be volts), or in a number that the separator may have cut ("1,000
-    Hz")."""
+    ("Increment,0.5", which may be volts), as a slow "scan rate", or in a number that the separator
+    may have cut ("1,000 Hz")."""
     line = " ".join(cells)
     name, mark, value = line.partition("=" if "=" in line else ":")
     return _step_of(cells, decimal) or (_step_of([name, value.strip()], decimal) if mark else 0.0)
@@ -57,6 +58,8 @@ def _step_of(cells: Sequence[str], decimal: str) -> float:
     if step and not units and (value >= SURELY_SECONDS or name.lower() == "increment"):
         return 0.0
     scaled = value * factors.pop()
+    if rate and name.lower().startswith("scan") and scaled * SURELY_SECONDS < 1.0:
+        return 0.0
     return scaled if step or not scaled else 1.0 / scaled
 
 

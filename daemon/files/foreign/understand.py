@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dehyst.daemon.files.foreign.choose import choose_columns, describe_column, path_of
-from dehyst.daemon.files.foreign.epochs import continued
+from dehyst.daemon.files.foreign.epochs import continued, is_packed_clock, join_clocks
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import (
@@ -69,7 +69,7 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
     optional. Raises BadRecording listing what is unknown, and the options that supply it."""
     if not found.columns or not len(found.columns[0].values):
         raise BadRecording(f"{name}: holds no column of numbers")
-    columns = _without_row_numbers(found.columns, reading)
+    columns = _with_one_clock(_without_row_numbers(found.columns, reading), reading)
     asked: list[str] = []
     chosen = choose_columns(name, columns, reading, wants, asked)
     out: dict[str, Floats] = {}
@@ -114,6 +114,15 @@ def _without_row_numbers(columns: Sequence[Column], reading: ReadOptions) -> lis
     return out
 
 
+def _with_one_clock(columns: Sequence[Column], reading: ReadOptions) -> list[Column]:
+    """Return the columns with one in place of several that hold hours, minutes and so on."""
+    joined = None if reading.rate_hz or "t" in reading.columns else join_clocks(columns)
+    if joined is None:
+        return list(columns)
+    parts = joined.heading.split(" + ")
+    return [joined, *(column for column in columns if column.heading not in parts)]
+
+
 def _unit(column: Column) -> str:
     """Return the key of the unit that the file gives, "" if it gives none."""
     return find_unit_key(column.unit) or split_heading(column.heading)[1]
@@ -143,6 +152,12 @@ def _take_time(
     asked: list[str],
 ) -> None:
     rows = len(columns[0].values)
+    if reading.time_unit and not reading.rate_hz and number is None and found.step_s > 0.0:
+        asked.append(
+            f"--time-unit {reading.time_unit}: there is no column of times; the file states a "
+            f"period of {found.step_s:.6g} s, which --rate HZ replaces"
+        )
+        return
     if reading.rate_hz or number is None:
         step_s = 1.0 / reading.rate_hz if reading.rate_hz else found.step_s
         if step_s > 0.0:
@@ -155,15 +170,26 @@ def _take_time(
     column = columns[number]
     label, unit = describe_column(column), find_unit_key(reading.time_unit) or _unit(column)
     values = np.asarray(column.values, dtype=np.float64)
-    if column.clock and not unit:
-        unit = "s"
-    if not reading.time_unit and not column.clock and (stated := _stated(column)):
+    if column.clock and reading.time_unit and find_unit_key(reading.time_unit) != "s":
         asked.append(
-            f"{label} states '{stated[:40]}', which is not a known unit of time: add --time-unit "
-            "s, ms or us, or --rate HZ"
+            f"{label} gives its times as a clock does, so that their unit is known: leave out "
+            f"--time-unit {reading.time_unit}"
         )
         return
-    if (two := _two_units(column)) and not reading.time_unit:
+    if column.clock:  # converted to seconds, whatever unit its heading gives
+        unit = "s"
+    own = _unit(column)
+    if reading.time_unit and own not in ("", unit) and not column.clock:
+        label += f", whose heading says {own}"
+    if not reading.time_unit and not column.clock and (stated := _stated(column)):
+        is_factor = is_other_unit(stated) and states_factor(stated)
+        what = "is not applied" if is_factor else "is not a known unit of time"
+        asked.append(
+            f"{label} states '{stated[:40]}', which {what}: add --time-unit s, ms or us, or "
+            "--rate HZ"
+        )
+        return
+    if (two := _two_units(column)) and not (reading.time_unit or column.clock):
         asked.append(
             f"{label} states two units, {' and '.join(two)}: add --time-unit s, ms or us, "
             "whichever is right"
@@ -188,6 +214,12 @@ def _take_time(
             )
             return
         unit, label = "s", f"{label}, taken as seconds"
+    if unit == "s" and not (column.clock or reading.time_unit) and is_packed_clock(values):
+        asked.append(
+            f"{describe_column(column)} counts hours, minutes and seconds in one number (HHMMSS): "
+            "write them as HH:MM:SS, or add --rate HZ"
+        )
+        return
     values, again = continued(values, column.clock)
     if again:
         found.said.append(

@@ -110,7 +110,16 @@ _MICRO = ("$\\mu$", "\\mu ", "\\mu{}", "\\mu", "Âµ", "µ", "μ")
 _WIDE = str.maketrans("（）［］", "()[]")
 """Brackets as they are written in China and Japan."""
 _BRACKETS = re.compile(r"[\[({<]([^\[\](){}<>]*)(?:[\])}>]|$)")
-_FACTOR = re.compile(r"[x×*·/÷^]\s*\d|\d\s*[x×*·/÷^]|\de[+-]?\d|[.,]\d", re.IGNORECASE)
+_FACTOR = re.compile(r"[x×*·/÷^:]\s*\d|\d\s*[x×*·/÷^]|\de[+-]?\d|[.,]\d|^div.*\d", re.IGNORECASE)
+_FACTOR_OF_NAME = re.compile(
+    r"/\s*\d+(?:[.,]\d+)?(?=\s*(?:[\[({_]|[^\W\d_]{1,3}$|$))"  # U/10 V, HV/15 [V]
+    r"|(?<=\w)\s*[*×÷·]\s*\d+(?:[.,]\d+)?|^\d+(?:[.,]\d+)?\s*[*×·]\s*(?=\w)"  # 10*U
+    r"|(?<=[^\W_])[\s_]+x\s?\d{2,}(?!\w)|(?<!\w)1\s?:\s?\d{2,}(?!\w)"  # Monitor x15, 1:15
+    r"|(?<![^\W_])div(?:ided)?(?:[\s_]by)?[\s_]?\d+(?![^\W_])",  # U_div10_V
+    re.IGNORECASE,
+)
+"""A factor that stands with the name of a column. One digit behind an x names an axis, and a number
+between two slashes a group."""
 _BEHIND_A_MARK = re.compile(r"(.*?\S)(\s*(?:/|,|;|:|\bin\b)\s*)(\S+)\s*")
 _LAST_WORD = re.compile(r"(.*[^\W_].*?|.*[^\W_])[_\s.-]+([^\W\d_]+|°C?|%)\s*")
 LETTERS = {
@@ -153,6 +162,8 @@ def read_heading(text: str) -> Heading:
     plain = plain.rstrip("_.") or plain  # MATLAB and R write "U_mV_" and "U..mV." for "U (mV)"
     if unit := find_unit_key(plain):
         return Heading("", unit) if len(plain) > 1 or unit in ("v", "s") else Heading(text)
+    if factor := _factor_beside(plain):
+        return factor
     if _BRACKETS.search(plain):
         return _read_brackets(text, plain)
     if behind := _BEHIND_A_MARK.fullmatch(plain):
@@ -178,6 +189,16 @@ def read_heading(text: str) -> Heading:
         if _is_like_a_unit(word[2]):
             return Heading(word[1].strip(), "", word[2])
     return Heading(text)
+
+
+def _factor_beside(plain: str) -> Heading | None:
+    """Return the heading of numbers that were multiplied or divided before they were written, as
+    "U/10 V", "10*Displacement (um)" and "Monitor x15 (V)" say; None if it says nothing of it."""
+    found = _FACTOR_OF_NAME.search(plain)
+    if found is None or float(re.findall(r"\d+(?:[.,]\d+)?", found[0])[-1].replace(",", ".")) == 1:
+        return None
+    rest = read_heading(" ".join(f"{plain[: found.start()]} {plain[found.end() :]}".split()))
+    return Heading(rest.name, "", found[0].strip(" _")) if rest.unit else None
 
 
 def _may_be_label(name: str, letter: str) -> bool:

@@ -125,7 +125,11 @@ def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]
             f"{name}: the displacement reads {np.nanmin(y):.6g} {recording.displacement_unit} all "
             "the time while the drive moves; check the sensor and its cable"
         )
+    _require_order(name, u, high - low)
     rise, fall = measure_travels(u[~np.isnan(u)])
+    slow_rise, slow_fall = measure_travels(_without_jumps(recording.t_s, u, high - low))
+    if min(slow_rise, slow_fall) < 0.2 * (high - low) < high - low < max(slow_rise, slow_fall):
+        rise, fall = slow_rise, slow_fall  # a sawtooth, or ramps one after another
     if min(rise, fall) < 0.2 * (high - low):
         way = "up" if rise > fall else "down"
         raise BadRecording(
@@ -137,6 +141,28 @@ def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]
             f"{name}: the drive comes back over only {min(rise, fall) / (high - low):.0%} of its "
             "range; the rest of the loop is extrapolated"
         )
+
+
+def _require_order(name: str, u: Floats, span: float) -> None:
+    """Raise BadRecording if the drive (N,) jumps back and forth from row to row, as rows in no
+    order of time do, and a drive of less than three rows a period."""
+    steps = np.diff(u[~np.isnan(u)])
+    size = float(np.median(np.abs(steps))) / span
+    alike = float(steps[1:] @ steps[:-1]) / float(steps @ steps)
+    if size > TUNING.small and alike < -TUNING.quarter:
+        raise BadRecording(
+            f"{name}: the drive jumps back and forth by {size:.0%} of its range from row to row: "
+            "sort the rows by time, or record more rows in each period of the drive"
+        )
+
+
+def _without_jumps(t: Floats, u: Floats, span: float) -> Floats:
+    """Return the path (M,) of the drive without the moves that no row shows: of more than a tenth
+    of its range from one row to the next, or in a gap."""
+    known = ~np.isnan(u)
+    steps, times = np.diff(u[known]), np.diff(t[known])
+    seen = (np.abs(steps) < TUNING.minor * span) & (times <= TUNING.long_gap * np.median(times))
+    return np.concatenate([[0.0], np.cumsum(np.where(seen, steps, 0.0))])
 
 
 @njit(cache=True, nogil=True)
@@ -237,6 +263,16 @@ def _looks_virgin(u: Floats, span: float) -> bool:
 def find_drive_range(rows: Sequence[Rows]) -> tuple[float, float]:
     """Return the lowest and highest drive of several recordings."""
     return min(float(np.nanmin(r.u)) for r in rows), max(float(np.nanmax(r.u)) for r in rows)
+
+
+def find_measured_range(rows: Sequence[Rows]) -> tuple[float, float]:
+    """Return the same of the rows that have a reading, where a larger part of the range has
+    none."""
+    low, high = find_drive_range(rows)
+    measured = [one.u[~np.isnan(one.u) & ~np.isnan(one.y)] for one in rows]
+    first, last = min(float(u.min()) for u in measured), max(float(u.max()) for u in measured)
+    least = TUNING.small * (high - low)
+    return first if first - low > least else low, last if high - last > least else high
 
 
 def find_rate_range(rows: Sequence[Rows]) -> float:

@@ -42,6 +42,9 @@ largest step over the range for which that is no coarse gauge."""
 LEVELS, FEWEST_AT_A_LEVEL = 20, 3
 """Number of drive levels at which rising and falling readings are compared; least number of
 readings of each."""
+AT_THE_STOP = 3
+"""Number of drive levels, after the first, on which a displacement that has come to a stop shows no
+slope: 15 % of the drive's range. A stage that saturates keeps a third of its mean slope."""
 WIDTH = 2.8
 """Width of an ellipse over the rms distance of its points from its axis, 2 sqrt 2."""
 SCATTERED = 0.5
@@ -122,6 +125,7 @@ def require_own_input(
         _require_another_signal(one.name, its.u, its.y)
         _require_no_jumps(one.name, its.u, its.y)
         _require_smooth(one.name, its.u, its.y)
+        said += _note_stop(one.name, its.u, its.y, unit)
     figures = describe(model)
     _require_narrow(rows[0].name, figures.hysteresis)
     loop = figures.hysteresis * figures.stroke
@@ -130,6 +134,12 @@ def require_own_input(
         said.append(
             f"no hysteresis: the loop is {loop:.2g} {unit} wide, and {size} rows with this noise "
             "cannot show a narrower one; the model is as good as linear in the drive"
+        )
+    elif figures.hysteresis < TUNING.trace:
+        said.append(
+            f"hardly any hysteresis: the loop is {loop:.2g} {unit} wide, "
+            f"{figures.hysteresis:.2%} of the "
+            "stroke; the model is as good as linear in the drive"
         )
     return tuple(said)
 
@@ -204,6 +214,30 @@ def _require_smooth(name: str, u: Floats, y: Floats) -> None:
             "that can be inverted looks like this; look for something that rubs or is loose, or "
             "reduce the drive"
         )
+
+
+def _note_stop(name: str, u: Floats, y: Floats, unit: str) -> list[str]:
+    """Return a remark if the displacement (N,) stays where it is while the drive (N,) goes on to an
+    end of its range."""
+    known = ~np.isnan(u) & ~np.isnan(y)
+    u, y = u[known], y[known]
+    level, way = _levels(u), np.sign(np.gradient(u))
+    mean = float(np.polyfit(level, y, 1)[0])
+    for ahead, end in ((1.0, "up"), (-1.0, "down")):
+        at = level if ahead > 0.0 else LEVELS - 1 - level  # 0 is where the way begins
+        here = [y[(at == k) & (way == ahead)] for k in range(LEVELS)]
+        places = np.array([np.median(part) for part in here if part.size >= FEWEST_AT_A_LEVEL])
+        if places.size < LEVELS // 2:
+            continue
+        places = places[-AT_THE_STOP - 1 :]
+        slope = float(np.polyfit(np.arange(places.size), places, 1)[0])
+        if abs(slope) < TUNING.minor * abs(mean):
+            return [
+                f"{name}: the displacement stays at about {places[-1]:.4g} {unit} while the drive "
+                f"goes on {end}: a stop, or the end of the gauge's range; the model does not hold "
+                "there; record a drive that ends before it"
+            ]
+    return []
 
 
 def _require_narrow(name: str, width: float) -> None:

@@ -42,24 +42,6 @@ def require_different(recordings: Sequence[Recording]) -> None:
         seen[one.sha256] = one.name
 
 
-def note_slow_times(rows: Sequence[Rows]) -> tuple[str, ...]:
-    """Return remarks on recordings whose rows are so far apart that their times may be
-    milliseconds. They are taken as seconds, because quasi-static recordings of hours are common."""
-    said = []
-    for one in rows:
-        known = one.u[~np.isnan(one.u)]
-        if one.period_s < TUNING.slow_s or known.size < 2:
-            continue
-        smooth = float(np.quantile(np.abs(np.diff(known)), 0.99))
-        if smooth < TUNING.minor * float(np.ptp(known)):
-            said.append(
-                f"{one.name}: its rows lie {one.period_s:.4g} s apart over "
-                f"{one.t_s[-1] - one.t_s[0]:.4g} s; if these are milliseconds, say so: "
-                "--time-unit ms"
-            )
-    return tuple(said)
-
-
 def require_drive_first(rows: Sequence[Rows]) -> None:
     """Raise BadRecording if the displacement column runs ahead of the drive column and is not
     plainly the measured one. A stage lags behind its drive, so the loop has one sense, except for

@@ -131,7 +131,7 @@ def test_each_command_says_once_what_is_missing(
     write_recording("gaps.csv", np.where(T < 2.0, T, T + 3.0), {"u_v": u, "y_um": y})
     assert main(words.split()) in (0, 1)
     printed = capsys.readouterr()
-    said = "gaps.csv: 5 drive values missing, 50 displacement values missing, 1 gaps in time"
+    said = "gaps.csv: 5 drive values missing, 50 displacement values missing, 1 gap in time"
     assert (printed.out + printed.err).count(said) == 1
 
 
@@ -139,6 +139,7 @@ def test_each_command_says_once_what_is_missing(
     "words",
     [
         "simulate model.toml slow.csv -o out.csv",
+        "identify slow.csv --static --order 5 -o slow.toml",
         "validate model.toml slow.csv",
         "convert slow.csv out.csv",
     ],

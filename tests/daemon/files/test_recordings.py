@@ -87,7 +87,7 @@ def test_missing_values_and_gaps_stay_missing(tmp_path: Path) -> None:
     assert rec.missing_displacement.tolist() == [True, False, False, False, False]
     assert rec.gaps.tolist() == [2]
     assert rec.period_s == pytest.approx(0.1)
-    assert "1 gaps in time" in rec.defects()
+    assert "1 gap in time of" in rec.defects()
     assert rec.channels["temp_c"][-1] == 21
     with pytest.raises(ValueError, match="read-only"):
         rec.drive[0] = 5.0

@@ -25,12 +25,6 @@ def test_swapped_columns_are_refused() -> None:
     assert "\n" not in str(error.value)
 
 
-def test_rows_far_apart_are_taken_as_seconds_and_the_option_is_named() -> None:
-    found = identify([Recording(1000 * t, u, y)])
-    assert any("--time-unit ms" in note for note in found.notes)
-    assert not any("--time-unit" in note for note in identify([Recording(t, u, y)]).notes)
-
-
 def test_a_loop_that_leads_is_no_swap_where_the_reading_has_the_noise() -> None:
     """Springs that lead (elasto-slide elements and a linear one in parallel) reverse the loop."""
     leading = 2.0 * u - y

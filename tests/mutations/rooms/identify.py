@@ -488,13 +488,6 @@ CHANGES += (
     + room(
         ("tests/models/identify/test_failed_fits.py",),
         Change(
-            "rate-from-one-period",
-            "models/identify/choice.py",
-            "(rich.best.has_lag and _outlasts_drift(rich, period_s))",
-            "_outlasts_drift(rich, period_s)",
-            "a static stage of another class is given a rate-dependence",
-        ),
-        Change(
             "drift-of-a-decay",
             "models/identify/choice.py",
             "[0, 1]) <= WITH_TIME)",
@@ -672,4 +665,70 @@ CHANGES += (
             "what a gauge does often is left out",
         ),
     )
+)
+CHANGES += room(
+    ("tests/models/identify/test_what_is_shown.py",),
+    Change(
+        "a-vague-lag-stays",
+        CHOICE,
+        "            return _without_vague_lag(rich, options, progress)",
+        "            return rich",
+        "a static stage of another class is given a lag",
+    ),
+    Change(
+        "a-clear-lag-goes",
+        CHOICE,
+        "found.search.compare_without_lag(best, found.tried) < TUNING.most:",
+        "found.search.compare_without_lag(best, found.tried) < 0.0:",
+        "a lag that explains all that is left is denied",
+    ),
+    Change(
+        "half-is-enough-for-a-lag",
+        "models/identify/search.py",
+        "left(found) < TUNING.minor * min(static)",
+        "left(found) < TUNING.half * min(static)",
+        "a static stage of another class is given a delay from loops of one rate",
+    ),
+    Change(
+        "a-lag-within-a-minute",
+        LAGS,
+        "if self.period > TUNING.longest_lag_s:",
+        "if False:",
+        "rows a minute apart are refused with words of a block's bounds",
+    ),
+    Change(
+        "a-fly-back-is-a-way",
+        "models/identify/data/rows.py",
+        "        rise, fall = slow_rise, slow_fall  # a sawtooth",
+        "        pass  # a sawtooth",
+        "half a loop is told as a loop of a quarter of its width",
+    ),
+    Change(
+        "any-order-of-rows",
+        "models/identify/data/rows.py",
+        "    _require_order(name, u, high - low)\n",
+        "",
+        "rows in no order of time give a model without hysteresis, and a narrow interval",
+    ),
+    Change(
+        "a-stop-is-a-saturation",
+        "models/identify/plausibility/own_input.py",
+        "        said += _note_stop(one.name, its.u, its.y, unit)\n",
+        "",
+        "a stage at its stop is modelled without a word of it",
+    ),
+    Change(
+        "valid-without-readings",
+        RESULT,
+        "low, high = find_measured_range(rows)",
+        "low, high = setup.drive_min, setup.drive_max",
+        "a model claims the range in which the gauge stood at its limit",
+    ),
+    Change(
+        "nearly-no-loop-is-a-loop",
+        "models/identify/plausibility/own_input.py",
+        "    elif figures.hysteresis < TUNING.trace:",
+        "    elif False:",
+        "0.00 % hysteresis is told without the word that there is hardly any",
+    ),
 )
