@@ -55,7 +55,7 @@ def diagnose(
     say = progress or (lambda text, fraction: None)
     prepared = join_recordings(recordings, model, say)
     judged = reach_verdict(look_for_causes(choose_base(prepared, several, say), say), say)
-    left = judged.verdict in ("unknown", "partly")
+    left = judged.verdict in ("unknown", "partly") and not _is_mostly_named(judged.findings)
     odd = (prepared.diagnosed.odd or _find_odd(prepared)) if left else ""
     rest = [one for one in recordings if one.name != odd]
     if 1 < len(rest) == len(recordings) - 1:
@@ -72,6 +72,13 @@ def diagnose(
             )
             return replace(others, data=replace(others.data, says=(says, *others.data.says)))
     return _report(judged, recordings, with_limits, say)
+
+
+def _is_mostly_named(findings: Sequence[Finding]) -> bool:
+    """Return whether effects of the library explain most of the misfit: then a recording that the
+    model in use does not predict is the one that shows them, and no other stage's."""
+    named = sum(f.share for f in findings if f.name not in ("shape", "unknown"))
+    return named >= TUNING.most
 
 
 def _find_odd(prepared: Prepared) -> str:

@@ -151,7 +151,7 @@ class Lag(Candidate):
             )
         return (
             f"The reading is smoothed with a time constant of {1e3 * tau:.3g} ms (corner "
-            f"{corner:.3g} Hz), as a filter in the sensor does; the stage itself is faster."
+            f"{corner:.3g} Hz), as a filter in the sensor does."
         )
 
 

@@ -237,6 +237,27 @@ def test_the_recording_that_a_given_model_misses_alone_is_named() -> None:
     assert d.data.says[0].startswith("the recording r1.csv does not belong to the others")
 
 
+def test_the_recording_that_alone_shows_an_effect_belongs_to_the_others() -> None:
+    """An amplifier follows 800 V/s, which the steps of the last recording alone exceed; its mount
+    wanders a little."""
+    given = recordings(plain)
+    model = diagnose_without_limits(given).base_model
+    rng, rows = np.random.default_rng(7), np.arange(N)
+    u = rng.uniform(0.0, 10.0, N // 250)[rows // 250]
+    behind = np.empty(N)
+    behind[0] = u[0]
+    for i in range(1, N):
+        behind[i] = behind[i - 1] + np.clip(u[i] - behind[i - 1], -800.0 * DT, 800.0 * DT)
+    walk = np.cumsum(rng.standard_normal(N))
+    y = plain(behind) + 0.3 * walk / np.ptp(walk) + NOISE_UM * rng.standard_normal(N)
+    given.append(Recording(rows * DT, u, y, name="steps.csv"))
+    d = diagnose_without_limits(given, model)
+    assert d.verdict == "partly"
+    assert d.findings[0].name == "slew"
+    assert d.findings[0].parameters["rate_v_per_s"].value == pytest.approx(800.0, rel=0.02)
+    assert d.rms["model"].keys() == {"r0.csv", "r1.csv", "steps.csv"}
+
+
 def decreasing(seed: int, hz: float) -> Recording:
     """Triangles that shrink, on a stage of relays, which play operators do not contain."""
     t = np.arange(3000) * DT

@@ -922,6 +922,13 @@ CHANGES = [
             "a recording of another stage is blamed on friction, if a model is given",
         ),
         Change(
+            "the-only-witness-is-left-out",
+            "models/diagnosis/steps.py",
+            " and not _is_mostly_named(judged.findings)",
+            "",
+            "a stage whose fault one recording shows is called clean, without that recording",
+        ),
+        Change(
             "a-stuck-gauge-is-read",
             "models/diagnosis/data/prepare.py",
             "    frozen = frozen_readings(y, u)\n",
