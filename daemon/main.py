@@ -2,11 +2,14 @@
 
 import argparse
 import importlib
+import io
 import os
 import signal
 import sys
 import warnings
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -119,12 +122,26 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message}; see `{self.prog} --help`\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Report a command's unknown arguments as the command's own error: argparse would report
-        them from the top-level parser and name its help."""
+        """Report a command's unknown and empty arguments as the command's own error: argparse would
+        report the former from the top-level parser and name its help, and accept the latter."""
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        if empty := _find_empty(args):
+            self.error(f"an argument is empty: {empty}; give a name or a value there")
         return found, unknown
+
+
+def _find_empty(arguments: Sequence[str]) -> str:
+    """Return which argument is empty, as an unset variable of a script makes it; "": none. As a
+    path, it would be the working directory."""
+    for before, word in pairwise(["", *arguments]):
+        option, equals, value = word.partition("=")
+        if option.startswith("--") and equals and not value:
+            return word
+        if not word:
+            return f"'' after {before}" if before else "the first one"
+    return ""
 
 
 def build_parser(*commands: str | None) -> Parser:
@@ -239,9 +256,13 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def run_process() -> NoReturn:
-    """Run `main` as a separate process. Library warnings are not shown to the user."""
+    """Run `main` as a separate process. Library warnings are not shown to the user; what the
+    screen's encoding does not have is shown escaped."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
+    for stream in (sys.stdin, sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # None: closed
+            stream.reconfigure(errors="backslashreplace")  # of an encoding such as ASCII
     end = LightEnd()
     try:
         end.code = main()

@@ -1,5 +1,6 @@
 """Summaries of a `dehyst identify` result: a dictionary for machines, text for people."""
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -84,8 +85,10 @@ def block_name(block: Block) -> str:
         f"{one.name.replace('_', ' ')} {spell_size(float(value), one.unit or '1')}"
         for one in params
         for key, value in block.params.items()
-        if one.matches(key) and key != "share" and not isinstance(value, tuple)
+        if one.matches(key) and key not in ("share", "held") and not isinstance(value, tuple)
     ]
+    if block.params.get("held"):
+        numbers.append("its input held between the rows")
     return f"{KINDS[block.kind].says} at the {block.place} ({', '.join(numbers)})"
 
 
@@ -135,7 +138,10 @@ def _interval_words(band: float | None, unit: str) -> str:
             "a prediction interval on other drives cannot be stated from this recording: drive "
             "loops of several sizes at several rates (dehyst excite designs such a drive)"
         )
-    return f"95 % prediction interval on other drives in this range: +-{band:.4g} {unit}"
+    return (
+        f"95 % prediction interval on other drives in this range: +-{band:.4g} {unit}, apart from "
+        "the gauge's noise and a constant offset"
+    )
 
 
 def describe_result(
@@ -167,5 +173,5 @@ def describe_result(
     lines += [f"missing: {text}" for text in _missing(result, covered)]
     if report:
         lines.append(f"report: {report}")
-    lines.append(NEXT.format(output))
+    lines.append(NEXT.format(shlex.quote(str(output))))
     return "\n".join(lines)

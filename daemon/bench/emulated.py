@@ -2,6 +2,7 @@
 --config` starts it again. A note in the folder of its ports identifies the bench."""
 
 import json
+import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,7 +35,7 @@ def noted(folder: Path) -> list[str]:
 
 def command_of(folder: Path, arguments: list[str]) -> str:
     """Return the command that starts the bench alone."""
-    return " ".join(["dehyst emulate", *arguments, "--dir", str(folder)])
+    return shlex.join(["dehyst", "emulate", *arguments, "--dir", str(folder)])
 
 
 @contextmanager

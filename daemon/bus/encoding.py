@@ -22,11 +22,19 @@ from dehyst.models.errors import BadInput
 
 MAX_COMMAND_BYTES = 1 << 20
 """Longest payload that the gateway decodes."""
+MAX_ANSWERED_BYTES = 8 << 20
+"""Longest payload that reaches the gateway, which refuses it with a reason; the transport drops a
+longer one, and its sender gets no answer."""
 MAX_BATCH_BYTES = 8 << 20
 """Longest payload that a client decodes."""
 ENCODING = "application/msgpack"
 
 T = TypeVar("T")
+_SILENT: dict[type[Exception], str] = {
+    msgpack.FormatError: "its bytes are not msgpack",
+    msgpack.StackError: "its maps or lists are nested too deeply",
+}
+"""Words for the errors of msgpack that have none."""
 
 
 def _prepare(kind: type[msgspec.Struct]) -> None:
@@ -50,7 +58,7 @@ def encode(message: msgspec.Struct) -> bytes:
 
 def _decode(kind: Any, payload: bytes, limit: int) -> Any:
     if len(payload) > limit:
-        raise BadMessage(f"{len(payload)} bytes; a message has at most {limit}")
+        raise BadMessage(f"the message is longer than {limit} bytes, the most that is accepted")
     try:
         plain = msgpack.unpackb(payload, raw=False, strict_map_key=True)
         # msgspec would accept a map without them as the expected class
@@ -65,7 +73,8 @@ def _decode(kind: Any, payload: bytes, limit: int) -> Any:
         OverflowError,
         TypeError,
     ) as error:
-        raise BadMessage(f"not a message of this version of dehyst: {error}"[:400]) from None
+        why = str(error) or _SILENT.get(type(error), type(error).__name__)
+        raise BadMessage(f"not a message of this version of dehyst: {why}"[:400]) from None
 
 
 def decode_command(payload: bytes) -> Command:

@@ -21,7 +21,12 @@ from typing import Any, Self
 import zenoh
 
 from dehyst.daemon.bus import after_fork
-from dehyst.daemon.bus.encoding import ENCODING, MAX_BATCH_BYTES, MAX_COMMAND_BYTES
+from dehyst.daemon.bus.encoding import (
+    ENCODING,
+    MAX_ANSWERED_BYTES,
+    MAX_BATCH_BYTES,
+    MAX_COMMAND_BYTES,
+)
 from dehyst.daemon.bus.security import check_address, check_open
 from dehyst.daemon.bus.topics import Topic
 from dehyst.daemon.closing import Closing
@@ -36,6 +41,8 @@ UNREAD_MS = 3000
 """How long a subscriber may read nothing before its connection is closed."""
 NOBODY_LISTENS = "Unable to connect to any of"
 """zenoh's message if no address answers; our own message says more."""
+MOST_LONG = 8
+"""Largest number of queries in a queue that are too long to be a command."""
 CALLBACK_ENDS_S = 2.0
 """How long to wait for a callback's thread [s]. A callback only stores, so its thread ends within
 milliseconds of its session, or within seconds on a machine without a free processor."""
@@ -60,6 +67,11 @@ class Asked:
         self._query = query
         self.key = str(query.key_expr)
         self.payload = query.payload.to_bytes() if query.payload is not None else b""
+
+    def may_wait(self, waiting: int, most: int) -> bool:
+        """Return whether it may be queued behind `waiting` others. most: largest number of
+        queries in the queue; of those too long to be a command, a few, for their memory."""
+        return waiting < (most if len(self.payload) <= MAX_COMMAND_BYTES else MOST_LONG)
 
     def reply(self, payload: bytes, encoding: str = ENCODING) -> None:
         """Send one answer; several are allowed. A client that has disconnected is not an error."""
@@ -154,7 +166,7 @@ class Bus(Closing):
         security: settings from dehyst.daemon.bus.security; None: loopback only.
         """
         check_open(listen, security is not None)
-        settings = _common(MAX_COMMAND_BYTES + 4096) | {
+        settings = _common(MAX_ANSWERED_BYTES + 4096) | {
             "mode": "peer",
             "listen/endpoints": list(listen),
             "connect/endpoints": list(connect),

@@ -59,7 +59,7 @@ class Refusal(DehystError):
     """The daemon refused a command. code: one of dehyst.daemon.bus.refusal_codes.CODES."""
 
     def __init__(self, code: str, text: str) -> None:
-        how = "; take_over() or --take-over does" if code == "lease-taken" else ""
+        how = " with take_over() or --take-over" if code == "lease-taken" else ""
         super().__init__(f"the daemon refuses: {text}{how} [{code}]")
         self.code = code
 
@@ -237,8 +237,9 @@ class Client(DaemonQueries):
         self._send_request(msgspec.structs.replace(self._request(action), offer=number))
 
     def stop(self, axes: Sequence[str] = ()) -> None:
-        """Drop all targets: the output holds, then ramps to the safe voltage. Needs no lease. axes:
-        names of the controller's axes to stop with the same message, including this one."""
+        """Drop all targets: the output holds, then ramps to the safe voltage; while a device has
+        failed, once it is back. Needs no lease. axes: names of the controller's axes to stop with
+        the same message, including this one."""
         self._send_request(msgspec.structs.replace(self._request("stop"), axes=tuple(axes)))
 
     def release(self, axes: Sequence[str] = ()) -> None:

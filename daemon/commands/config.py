@@ -126,10 +126,6 @@ def run(args: argparse.Namespace) -> int:
     if args.output is None:
         print(text, end="")
         return 0
-    if args.output.exists() and not args.force:
-        raise BadInput(
-            f"{args.output}: exists already; choose another name, or --force replaces it"
-        )
     check_outputs([args.output], [], args.force)
     with report_failures(args.output):
         write_text(args.output, text)

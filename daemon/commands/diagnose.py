@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from dehyst.daemon.api.functions import diagnose, load_model
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_given, say_converted
-from dehyst.daemon.files.outputs import check_outputs
+from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.json_text import print_json
 from dehyst.models.errors import BadInput
 from dehyst.models.recording import Recording
@@ -38,13 +38,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     add_reading(parser)
+    add_force(parser)
     parser.add_argument("--json", action="store_true", help="diagnosis.json on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose and write the three files; return 1 if the model lacks something."""
     results = [args.output / name for name in ("diagnosis.json", "model.toml", "report.html")]
-    check_outputs(results, [*args.recordings, args.model], force=False)
+    check_outputs(results, [*args.recordings, args.model], args.force)
     recordings = _read(args)
     model = load_model(args.model) if args.model else None
     if model is not None:

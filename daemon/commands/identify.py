@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     rate = True if args.rate else False if args.static else None
     _check_places(args)
     started_ns = clock.monotonic_ns()
-    recordings = read_given(args.recordings, args, doubt=False)
+    recordings = read_given(args.recordings, args)
     with working() as say:
         found = identify(
             recordings,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dehyst.daemon.client.connection import add_connection, connect, connect_axes, say
 from dehyst.daemon.client.group import Group
 from dehyst.daemon.files.foreign.reading import add_reading, reading_of
-from dehyst.daemon.files.outputs import check_outputs, file_of_axis, report_failures
+from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis, report_failures
 from dehyst.daemon.json_text import print_json
 from dehyst.models.errors import BadInput
 
@@ -90,7 +90,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--picture",
         type=Path,
         metavar="PNG",
-        help="picture of the error by pass (default with --learn: TRAJECTORY-learned.png)",
+        help="picture of the error by pass (default with --learn: TRAJECTORY-learned.png, which "
+        "each run replaces)",
     )
     parser.add_argument(
         "--allow-unreachable",
@@ -106,6 +107,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--take-over", action="store_true", help="take the command from another client"
     )
+    add_force(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     add_reading(parser)
     add_connection(parser)
@@ -125,7 +127,9 @@ def run(args: argparse.Namespace) -> int:
     offsets = offsets_of(args.offset_um, trajectories)
     pictures = {axis: file_of_axis(picture, axis) for axis in trajectories}
     learned = {axis: args.learned and file_of_axis(args.learned, axis) for axis in trajectories}
-    check_asked(args, learn, [*learned.values(), *pictures.values()])
+    check_asked(args, learn)
+    if learn:
+        check_written(args, list(learned.values()), list(pictures.values()))
     together = "" not in trajectories
     with (
         connect_axes(args, "play", list(trajectories)) if together else connect(args, "play")
@@ -279,8 +283,8 @@ def say_of_step(target: NDArray[np.float64], status: "Status", axis: str) -> Non
         )
 
 
-def check_asked(args: argparse.Namespace, learn: bool, written: Sequence[Path | None]) -> None:
-    """Raise BadInput if options cannot be combined, or if a file would be overwritten."""
+def check_asked(args: argparse.Namespace, learn: bool) -> None:
+    """Raise BadInput if options cannot be combined."""
     if args.repeat < 0:
         raise BadInput(f"--repeat {args.repeat}: give 1 or more, or 0 to play until stopped")
     if args.picture and not learn:
@@ -291,8 +295,16 @@ def check_asked(args: argparse.Namespace, learn: bool, written: Sequence[Path | 
         raise BadInput(f"--gauge-filter-s: 0 to {LONGEST_FILTER_S:g} s, in seconds: 150e-6")
     if learn and args.repeat == 1 and not args.learned:
         raise BadInput("--learn needs more than one pass: give --repeat N, or --learned FILE")
-    if learn:
-        check_outputs(written, [args.trajectory, args.credentials], False)
+
+
+def check_written(
+    args: argparse.Namespace, learned: Sequence[Path | None], pictures: Sequence[Path]
+) -> None:
+    """Raise BadInput if a file would be overwritten; a learned correction is continued, and the
+    picture without --picture is drawn again."""
+    inputs = [args.trajectory, args.credentials]
+    check_outputs(learned, inputs, force=True)
+    check_outputs(pictures, [*inputs, *learned], args.force or not args.picture)
 
 
 def describe_pass(one: "Outcome", unit: str) -> str:

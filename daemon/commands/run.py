@@ -217,7 +217,7 @@ def check_configuration(path: Path, as_json: bool = False) -> int:
 def axis_words(config: Config) -> dict[str, str]:
     """Return what an axis' configuration means, by subject. Raises DehystError if `dehyst run`
     would refuse it."""
-    from dehyst.daemon.config.drives import drive_range
+    from dehyst.daemon.config.drives import drive_range, narrow_validity
     from dehyst.daemon.files.models import load_model
     from dehyst.daemon.loop.checks import check_unopened, devices_of
     from dehyst.daemon.loop.trim import trim_setting
@@ -238,6 +238,7 @@ def axis_words(config: Config) -> dict[str, str]:
         "devices": f"actuator {device_words(config.actuator)}, sensor "
         f"{device_words(config.sensor)}",
         "model": f"{config.model.file}: {describe_kind(model)}",
+        **({"warning": narrow} if (narrow := narrow_validity(config, model)) else {}),
         "reach": f"set-points from {low - zero:.4g} to {high - zero:.4g} {unit}{assumed}; "
         f"set-point 0 is the model's {zero:.4g} {unit}",
         "rate": f"{config.loop.rate_hz:g} Hz",

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 from dehyst.daemon.client.connection import add_connection, connect_axes, say
 from dehyst.daemon.json_text import print_json
 from dehyst.daemon.rings.status import place, positioning
-from dehyst.daemon.terminal.what_follows import HELD, STAYS, after_a_stop, what_follows
+from dehyst.daemon.terminal.what_follows import (
+    HELD,
+    STAYS,
+    after_a_stop,
+    after_a_stop_in_fault,
+    after_the_last,
+    ramp_of,
+    what_follows,
+)
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:
@@ -107,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
     with connect_axes(args, "send", named) as stage:
         if args.stop or args.release:
             stage.stop() if args.stop else stage.release()
-            say_end(stage, after_a_stop if args.stop else released)
+            say_stopped(stage) if args.stop else say_end(stage, released)
             if args.json:
                 names = [client.name for client in stage.clients.values()]
                 print_json({"stopped" if args.stop else "released": names})
@@ -145,9 +153,13 @@ def run(args: argparse.Namespace) -> int:
                 say(f"{client.name}: {going}; {positioning(status)}")
         end_ns = clock.monotonic_ns() + round((args.seconds or 0.0) * clock.NS)
         pause_s = min(stale_s, *(setpoint.lease_s for setpoint in setpoints)) / 4
-        while (left_s := (end_ns - clock.monotonic_ns()) / clock.NS) > 0:
-            clock.sleep_s(min(pause_s, left_s))
-            command()
+        try:
+            while (left_s := (end_ns - clock.monotonic_ns()) / clock.NS) > 0:
+                clock.sleep_s(min(pause_s, left_s))
+                command()
+        except KeyboardInterrupt:
+            say_end(stage, after_the_last)
+            raise
         if not args.json:
             if args.seconds:
                 for axis in replies:
@@ -164,9 +176,37 @@ def where(status: "Status") -> str:
     return f"{place(at.measured, at.target, status.volts, status.unit)}; {positioning(status)}"
 
 
+def say_stopped(stage: "Group") -> None:
+    """Print what the stage does after a stop, which depends on the state that the stop found."""
+    say_lines(
+        stage,
+        {
+            client.name: describe_stop(client.config(), client.status())
+            for client in stage.clients.values()
+        },
+    )
+
+
+def describe_stop(config: "Config", status: "Status") -> str:
+    """Describe what a stop does. status: just after it."""
+    if status.state == "fault":
+        return after_a_stop_in_fault(config)
+    if status.state == "ready" and status.volts != config.safe.voltage_v:
+        return (
+            f"nothing moves, so the output stays at {status.volts:.4g} V; --release ramps it to "
+            f"{config.safe.voltage_v:g} V"
+        )
+    return after_a_stop(config)
+
+
 def say_end(stage: "Group", words: "Callable[[Config], str]") -> None:
-    """Print what the stage does from now on: one line per axis, or one if all are equal."""
+    """Print what the stage does from now on."""
     of_axes = {client.name: words(client.config()) for client in stage.clients.values()}
+    say_lines(stage, of_axes)
+
+
+def say_lines(stage: "Group", of_axes: dict[str, str]) -> None:
+    """Print one line per axis, or one if all are equal."""
     if len(set(of_axes.values())) == 1:
         of_axes = {stage.name: next(iter(of_axes.values()))}
     for name, text in of_axes.items():
@@ -175,7 +215,7 @@ def say_end(stage: "Group", words: "Callable[[Config], str]") -> None:
 
 def released(config: "Config") -> str:
     """Describe what a release does."""
-    return f"ramps to {config.safe.voltage_v:g} V at {config.safe.ramp_v_per_s:g} V/s now"
+    return f"{ramp_of(config)} now"
 
 
 def going_to(target: float, status: "Status") -> str:

@@ -1,6 +1,7 @@
 """Lead from two plugged-in units to a validated model, step by step."""
 
 import argparse
+import shlex
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 
 from dehyst.daemon.client.connection import say
 from dehyst.daemon.json_text import print_json
+from dehyst.daemon.rings.run_folder import locked
 from dehyst.daemon.setup.names import NAMES
 from dehyst.models.errors import BadInput
 
@@ -90,7 +92,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="V_PER_S",
         help="slew limit, V/s (default: 20 ranges a second)",
     )
-    parser.add_argument("--name", help="the controller's name (default: the folder's)")
+    parser.add_argument(
+        "--name",
+        help="the controller's name (default: the folder's; stage-1 if that is no valid name)",
+    )
     parser.add_argument(
         "--rate", type=float, metavar="HZ", help="rate of the loop (default: measured)"
     )
@@ -141,15 +146,25 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput("--emulated has its own ports; leave out --ports")
     if args.amplifier and not args.emulated:
         raise BadInput("--amplifier goes with --emulated: a real one is recognised at its port")
+    _check_numbers(args)
+    try:
+        str(args.folder.resolve()).encode()
+    except UnicodeEncodeError:
+        raise BadInput(
+            f"{args.folder}: its path is not UTF-8, so no configuration can contain it; choose "
+            "another folder"
+        ) from None
     try:
         args.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput(f"{args.folder}: cannot be made: {error.strerror or error}") from None
     with ExitStack() as held:
+        advice = "end that one, or wait until it has ended"
+        held.enter_context(locked(args.folder, "setup", "setup", args.folder, advice))
         journal = Journal(args.folder)
         known = journal.result("units").get("axes", ()) if journal.done("units") else ()
         axes = args.axes or (() if args.axis else tuple(known))
-        ports = tuple(args.ports)
+        ports = tuple(_absolute(port) for port in args.ports)
         if args.emulated:
             amplifier = args.amplifier or _noted_amplifier(args.folder / "bench")
             ports = _emulated_ports(args.folder / "bench", amplifier, axes, held)
@@ -170,6 +185,30 @@ def run(args: argparse.Namespace) -> int:
     return _conclude(bench, args)
 
 
+def _check_numbers(args: argparse.Namespace) -> None:
+    """Raise BadInput if a number that was given cannot be used with any units."""
+    from dehyst.daemon.config.text import check_range
+
+    if args.range:
+        low, high = args.range
+        check_range(low, high, None)
+    for option, value, what in (
+        ("--slew", args.slew, "a rate in V/s"),
+        ("--rate", args.rate, "a sampling rate in Hz"),
+        ("--band", args.band, "a frequency in Hz"),
+        ("--duration", args.duration, "a time in s"),
+    ):
+        if value is not None and not 0.0 < value < float("inf"):
+            raise BadInput(f"{option} {value:g}: {what}, greater than 0")
+
+
+def _absolute(port: str) -> str:
+    """Return a port's path as the configuration needs it: the same from every working directory,
+    and however the folder is spelled."""
+    path = Path(port)
+    return str(path.parent.resolve() / path.name)
+
+
 def _noted_amplifier(folder: Path) -> str:
     """Return the amplifier of the bench that an earlier set-up in this folder used, otherwise
     "mdt693b"."""
@@ -184,6 +223,7 @@ def _emulated_ports(
 ) -> tuple[str, ...]:
     from dehyst.daemon.bench.emulated import note_bench
     from dehyst.daemon.service.supervisor import BenchProcess
+    from dehyst.drivers.emulated.control import is_served
 
     if axes and amplifier != "mdt693b":
         name = AMPLIFIERS[amplifier]
@@ -195,7 +235,11 @@ def _emulated_ports(
     more += ["--amplifier", amplifier] if amplifier != "mdt693b" else []
     gauges = f"{count} KSG101s" if axes else "a KSG101"
     units = AMPLIFIERS[amplifier] + ("" if amplifier in WITH_GAUGE else f" and {gauges}")
-    config = folder.parent / "stage.toml"
+    config = shlex.quote(str(folder.parent / "stage.toml"))
+    if is_served(folder / "control"):
+        raise BadInput(
+            f"{folder}: its emulated bench is in use, by `dehyst run` for example; end that first"
+        )
     say(
         f"starting an emulated {units} with a simulated stage; it "
         f"ends with this command, and `dehyst run --config {config}` starts it again"
@@ -203,7 +247,7 @@ def _emulated_ports(
     bench = BenchProcess(folder, more)
     note_bench(folder, more)
     held.callback(bench.close)
-    return tuple(path for name, path in bench.ports.items() if name.startswith(UNITS))
+    return tuple(_absolute(path) for name, path in bench.ports.items() if name.startswith(UNITS))
 
 
 def _conclude(bench: Any, args: argparse.Namespace) -> int:

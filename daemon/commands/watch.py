@@ -1,6 +1,7 @@
 """Live view of a running daemon."""
 
 import argparse
+import os
 import sys
 from contextlib import ExitStack
 from datetime import datetime
@@ -10,14 +11,17 @@ from dehyst.daemon.client.connection import add_connection, address_of, connect_
 from dehyst.daemon.json_text import print_json, print_json_line
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from dehyst.daemon.client.client import Client
     from dehyst.daemon.terminal import view
 
 EPILOG = """\
 On a terminal it shows the position in large digits, plots of target, measured and error, state,
-deadlines, devices and events; q or Ctrl-C quits. In a pipe it prints one line per second, and each
-event when it happens; with --json, one JSON status per second. It shows all axes of a controller by
-their short names (x, y, ...). Watching changes nothing and needs no lease.
+deadlines, devices and events; q or Ctrl-C quits. In a pipe, and on a terminal that cannot redraw
+(TERM=dumb), it prints one line per second, and each event when it happens; with --json, one JSON
+status per second. It shows all axes of a controller by their short names (x, y, ...). Watching
+changes nothing and needs no lease.
 
 examples: dehyst watch --for 10
           dehyst watch --list --connect tcp/127.0.0.1:7447     (list the controllers)
@@ -56,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         begun_ns = shown_ns = clock.monotonic_ns()
         console = Console()
         live = None
-        if console.is_terminal and not args.json:
+        if draws_screens(console) and not args.json:
             for axis in watched.values():
                 axis.feed.events.extend(axis.client.events())
             live = Live(console=console, screen=True, auto_refresh=False)
@@ -89,6 +93,13 @@ def run(args: argparse.Namespace) -> int:
             if live is not None:
                 live.stop()
     return 0
+
+
+def draws_screens(console: "Console") -> bool:
+    """Return whether the output is a terminal that can redraw its screen: TERM says so, except on
+    Windows, where it is not set."""
+    known = os.name == "nt" or bool(os.environ.get("TERM"))
+    return console.is_terminal and known and not console.is_dumb_terminal
 
 
 class Watched:

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from dehyst.daemon.client.connection import add_connection, connect_axes, say
 from dehyst.daemon.json_text import print_json
-from dehyst.daemon.terminal.what_follows import after_the_last
+from dehyst.daemon.rings.status import OTHER_STAGE, USUAL_SHIFT
+from dehyst.daemon.terminal.what_follows import after_a_stop, after_the_last
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:
@@ -91,7 +92,11 @@ def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
             f"{of}moving through {100 * args.share:g} % of the reach, there and back twice, "
             f"{args.seconds:g} s each; the second time counts"
         )
-        found = zero.exercise_and_compare(client, args.share, args.seconds)
+        try:
+            found = zero.exercise_and_compare(client, args.share, args.seconds)
+        except KeyboardInterrupt:  # the motion has been stopped
+            say(f"{of}stopped early, so the zero was not set; the stage {after_a_stop(config)}")
+            raise
         say(f"{of}done; the stage {after_the_last(config)}")
     else:
         found = zero.compare_zero(client)
@@ -104,7 +109,9 @@ def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
         if config.axis:
             print(f"{client.name}:")
         section = f"[axis.{config.axis}.sensor]" if config.axis else "[sensor]"
-        print_disagreement(found, shift, f"{section} zero = {keep:.6g}", status.unit)
+        part = abs(shift) / (status.reach_max - status.reach_min)
+        usual = how_usual(part, args.exercise)
+        print_disagreement(found, shift, usual, f"{section} zero = {keep:.6g}", status.unit)
     return {
         "unit": status.unit,
         "samples": found.samples,
@@ -117,8 +124,11 @@ def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def print_disagreement(found: "Disagreement", shift: float, keep: str, unit: str) -> None:
-    """Print the disagreement. keep: the configuration line that keeps the zero."""
+def print_disagreement(
+    found: "Disagreement", shift: float, usual: str, keep: str, unit: str
+) -> None:
+    """Print the disagreement. usual: a remark on the size of the shift; keep: the configuration
+    line that keeps the zero."""
     if not found.samples:
         print("the gauge gives no valid reading, so the zero was not set")
         return
@@ -133,6 +143,20 @@ def print_disagreement(found: "Disagreement", shift: float, keep: str, unit: str
     if shift:
         print(
             f"the gauge's zero was moved by {shift:+.4g} {unit}, and gauge and model now agree on "
-            "average. This is usual: after power-on a gauge's zero is arbitrary\n"
+            f"average. {usual}\n"
             f"to keep it beyond this run of the daemon: {keep}"
         )
+
+
+def how_usual(part: float, exercised: bool) -> str:
+    """Judge a shift of the gauge's zero by its part of the reach, in words. exercised: the history
+    of the stage is known."""
+    if part <= USUAL_SHIFT:
+        return "This is usual: after power-on a gauge's zero is arbitrary"
+    said = f"That is {100 * part:.0f} % of the reach"
+    if exercised:
+        return f"{said}, which is unusual: {OTHER_STAGE}"
+    return (
+        f"{said}: the unknown history of the stage may be the cause, which `dehyst zero "
+        f"--exercise` erases; otherwise {OTHER_STAGE}"
+    )

@@ -4,6 +4,24 @@ from dehyst.daemon.config.sections import Config
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model
 
+SMALL_PART = 0.5
+"""Part of the limits: `dehyst setup` identifies a model over all of them, so one that is valid in
+less than half of them was probably made for another stage or amplifier."""
+
+
+def narrow_validity(config: Config, model: Model) -> str:
+    """Return a warning if the model is valid in a small part of the limits only; "" otherwise."""
+    low, high = drive_range(config, model)
+    gain, limits = config.actuator.gain, config.limits
+    part = (high - low) * abs(gain) / (limits.max_v - limits.min_v)
+    if part >= SMALL_PART:
+        return ""
+    return (
+        f"of the limits, {limits.min_v:g} to {limits.max_v:g} V, the model is valid from "
+        f"{low * gain:g} to {high * gain:g} V only, {100 * part:.2g} %: it may be another stage's; "
+        "check model.file and actuator.gain"
+    )
+
 
 def drive_range(config: Config, model: Model) -> tuple[float, float]:
     """Return the lowest and highest drive within both the limits and the model's validity

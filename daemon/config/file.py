@@ -11,6 +11,7 @@ from dehyst.daemon.config.sections import Config, ModelConfig
 from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.daemon.prepared import resolve_classes
 from dehyst.models.errors import BadInput
+from dehyst.models.modelfile import SHIPPED
 from dehyst.models.toml_text import parse_toml
 
 LARGEST_BYTES = 1 << 18
@@ -48,8 +49,10 @@ def checked_config(data: dict[str, Any], where: str) -> Config:
 
 def resolved_config(config: Config, folder: Path) -> Config:
     """Return the config with its relative paths resolved against the folder of its file."""
-    model = folder / config.model.file
-    if model.exists():
+    name = config.model.file
+    model = folder / name
+    # a file that is nowhere is named with the folder in which it was looked for
+    if model.exists() or not (Path(name).exists() or name in SHIPPED):
         config = msgspec.structs.replace(config, model=ModelConfig(file=str(model.resolve())))
     if config.bus.auth is not None:
         files = ("passwords", "certificates", "credentials")

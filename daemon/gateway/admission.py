@@ -82,12 +82,14 @@ class Admission:
         return self.granted(now_ns, command, code, text), records
 
     def _report_final(self, command: Command, refused: NotAdmitted) -> None:
-        """Report once that the trajectory in play is finally refused."""
+        """Report once that a chunk of the trajectory in play is finally refused."""
         now = self._trajectory
         said = CODES[refused.code].waits or now.over or now.refused
         if isinstance(command, Chunk) and self.is_playing(command) and not said:
             now.refused = True
-            self.report(2, "trajectory", f"the trajectory in play is refused: {refused}")
+            self.report(
+                2, "trajectory", f"a chunk is refused, the trajectory in play goes on: {refused}"
+            )
 
     def granted(self, now_ns: int, command: Command, code: str = "ok", text: str = "") -> Reply:
         """Return the answer to an admitted command."""
@@ -118,7 +120,7 @@ class Admission:
         who = self.lease.label or f"client {self.lease.client}"
         return (
             f"{who} commands this daemon (its lease ends {self.lease.left_s(now_ns):.1f} s after "
-            "its last command); take over explicitly, or wait"
+            "its last command): wait, or take over"
         )
 
     def _check_age(self, now_ns: int, sent_ns: int) -> None:

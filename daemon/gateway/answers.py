@@ -47,7 +47,7 @@ class Answers:
 
     def ask(self, axis: ServedAxis, asked: Asked) -> None:
         """Queue a query about an axis; if too many are waiting, it gets no answer."""
-        if self._questions.qsize() < WAITING:
+        if asked.may_wait(self._questions.qsize(), WAITING):
             self._questions.put((axis, asked))
         else:
             asked.done()

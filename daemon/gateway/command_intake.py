@@ -84,15 +84,16 @@ class CommandIntake:
         self._own: SimpleQueue[tuple[AxisInbox, NDArray[Any]]] = SimpleQueue()
 
     def put(self, inbox: AxisInbox, key: str, payload: bytes) -> None:
-        """Queue a set-point. If too many wait, drop the oldest, as only the newest matters."""
+        """Queue a set-point. If too many wait, drop the oldest, as only the newest matters. Of one
+        that is too long only as much is kept as shows that it is."""
         if len(inbox.puts) == WAITING_PUTS:
             inbox.flooded += 1
-        inbox.puts.append((key, payload))
+        inbox.puts.append((key, payload[: encoding.MAX_COMMAND_BYTES + 1]))
         self._work.set()
 
     def ask(self, inbox: AxisInbox, asked: Asked) -> None:
         """Queue a command that expects an answer. If too many wait, it gets none."""
-        if self._questions.qsize() < WAITING_QUESTIONS:
+        if asked.may_wait(self._questions.qsize(), WAITING_QUESTIONS):
             self._questions.put((inbox, asked))
             self._work.set()
         else:

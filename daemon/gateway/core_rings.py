@@ -14,6 +14,28 @@ from dehyst.daemon.rings.status import STATUS
 from dehyst.models.errors import BadInput
 
 LAYOUTS = {"telemetry": TELEMETRY, "status": STATUS, "event": EVENT, "command": COMMAND}
+NOT_RUNNING = "ZXTt"
+"""States of proc(5): a zombie, dead, stopped by a signal or by a debugger."""
+
+
+def has_ended(pid: int) -> bool:
+    """Return True if there is no such process."""
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):  # a damaged number belongs to no process
+        return True
+    except OSError:  # the process belongs to another user
+        return False
+    return False
+
+
+def is_suspended(pid: int) -> bool:
+    """Return True if this process exists and does not run: it is stopped, or a zombie."""
+    try:
+        words = Path(f"/proc/{pid}/stat").read_text("utf-8", "replace")
+    except OSError:  # it may be hidden
+        return False
+    return words.rpartition(")")[2].split()[0] in NOT_RUNNING
 
 
 class CoreRings:
@@ -44,13 +66,15 @@ class CoreRings:
         perhaps of another stage."""
         if not self._rings:
             return False
-        try:
-            os.kill(int(self._rings["event"].words[PID]), 0)
-        except (ProcessLookupError, OverflowError):  # a damaged number belongs to no process
-            return True
-        except OSError:  # the process belongs to another user
+        return has_ended(int(self._rings["event"].words[PID]))
+
+    @property
+    def is_stopped(self) -> bool:
+        """Return True if the process that made the rings has ended or is suspended."""
+        if not self._rings:
             return False
-        return False
+        pid = int(self._rings["event"].words[PID])
+        return has_ended(pid) or is_suspended(pid)
 
     @property
     def damaged(self) -> int:

@@ -7,6 +7,7 @@ event names the recording and the command that diagnoses it.
 """
 
 import logging
+import shlex
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -220,9 +221,9 @@ class MismatchWatch:
         except (OSError, DehystError) as error:
             self._report(3, "mismatch", f"the recording around the mismatch is not kept: {error}")
             return
+        words = (path, "--model", config.model.file, "-o", path.with_suffix(""))
         self._report(
             2,
             "mismatch",
-            f"recording kept; to learn more: dehyst diagnose {path} --model "
-            f"{config.model.file} -o {path.with_suffix('')}",
+            f"recording kept; to learn more: dehyst diagnose {shlex.join(map(str, words))}",
         )

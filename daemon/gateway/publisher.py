@@ -37,6 +37,9 @@ from dehyst.daemon.rings.status import STATUS, message_values
 
 SILENT_NS = 2_500_000_000
 """A core that has written nothing for this long is considered dead or hanging."""
+DOUBTED_NS = 500_000_000
+"""After this time without a record the gateway checks whether the core's process still runs: a
+slow device may delay a sample for as long, a process that has ended writes no more."""
 RUNS = "the loop's process is running"
 GONE = "the loop's process does not respond: it has ended, was killed, or hangs"
 LONGEST_BATCH = 4096
@@ -105,7 +108,7 @@ class Publisher:
         self._pass_events()
         if heard:
             self._heard_ns = now_ns
-        alive = self._rings.is_attached and self._cores > 0 and now_ns - self._heard_ns < SILENT_NS
+        alive = self._rings.is_attached and self._cores > 0 and self._is_heard(now_ns)
         if alive != self._published_alive and (alive or not core.starting):
             self._published_alive = alive
             self._report(now_ns, 1 if alive else 2, "core", RUNS if alive else GONE)
@@ -114,6 +117,10 @@ class Publisher:
             self._say(now_ns)
         elif now_ns - self._said_ns >= 1.2 * clock.NS:
             self._say(now_ns)
+
+    def _is_heard(self, now_ns: int) -> bool:
+        silent_ns = now_ns - self._heard_ns
+        return silent_ns < DOUBTED_NS or (silent_ns < SILENT_NS and not self._rings.is_stopped)
 
     def report_later(self, level: int, code: str, text: str) -> None:
         """Queue an event from another thread."""
@@ -142,6 +149,8 @@ class Publisher:
         if newest.size:
             record = record.copy()
             record["volts"] = newest["volts"][-1]
+            if not math.isfinite(record["differs"]):  # the gauge may have begun since
+                record["differs"] = newest_difference(newest)
         return status_message(
             record,
             self._config.name,
@@ -278,6 +287,12 @@ def mean_reading(measured: NDArray[np.float64]) -> float:
     if not measured.size or not math.isfinite(measured[-1]):
         return math.nan
     return float(np.mean(measured[np.isfinite(measured)]))
+
+
+def newest_difference(samples: NDArray[Any]) -> float:
+    """Return the mean of gauge minus model of (n,) TELEMETRY; NaN if the newest reading is
+    invalid."""
+    return mean_reading(samples["measured"] - samples["predicted"])
 
 
 def event_message(record: Any) -> Event:

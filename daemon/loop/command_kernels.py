@@ -34,7 +34,7 @@ LONGEST_OFFSET_NS = 10**9 * 86_400 * 365
 
 # enumerations as integers, which compile faster
 READY, RUNNING = as_int64(State.READY), as_int64(State.RUNNING)
-HOLDING = as_int64(State.HOLDING)
+HOLDING, FAULT = as_int64(State.HOLDING), as_int64(State.FAULT)
 TARGET, HALT = as_int64(LoopEvent.TARGET), as_int64(LoopEvent.HALT)
 RELEASE = as_int64(LoopEvent.RELEASE)
 STALE = as_int64(LoopEvent.STALE)
@@ -44,7 +44,7 @@ TRUST, ZERO = as_int64(LoopCommand.TRUST), as_int64(LoopCommand.ZERO)
 STOP_MOTION, GIVE_BACK = as_int64(LoopCommand.STOP_MOTION), as_int64(LoopCommand.RELEASE)
 HOLD, HELD = as_int64(LoopCommand.HOLD), as_int64(Note.HELD)
 BAD_VALUE, WITHDRAWN = as_int64(Note.BAD_VALUE), as_int64(Note.WITHDRAWN)
-STOPPED = as_int64(Note.STOPPED)
+STOPPED, STOP_KEPT = as_int64(Note.STOPPED), as_int64(Note.STOP_KEPT)
 RELEASED, POINT_FULL = as_int64(Note.RELEASED), as_int64(Note.POINT_FULL)
 POINT_LATE, RUN_DRY = as_int64(Note.POINT_LATE), as_int64(Note.RUN_DRY)
 NO_SETPOINT = as_int64(Note.NO_SETPOINT)
@@ -58,6 +58,11 @@ def admit(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
     kind, value = command.kind, command.value
     if kind == TRUST:
         trim_of(table).distrusted = 0 if value != 0.0 else 1
+        return
+    if kind == STOP_MOTION and c.state == FAULT:
+        if c.stop_kept == 0:
+            add_note(table, c, STOP_KEPT, 0.0)
+        c.stop_kept = 1
         return
     if not takes(c, TARGET):
         return  # the gateway refuses these with a message; late ones are dropped here

@@ -46,7 +46,9 @@ CONTROL_T = np.dtype(
         ("since_ns", "<i8"),  # when the present state began
         ("hold_ns", "<i8"),
         ("approach_until_ns", "<i8"),
-        ("stop_by_ns", "<i8"),  # the latest end of STOPPING
+        ("stop_left_ns", "<i8"),  # time left to STOPPING; a pause of the loop counts little
+        ("stop_seen_ns", "<i8"),  # when that time was counted last
+        ("stop_kept", "<i8"),  # 1: a client stopped the stage in FAULT; done after it
         ("step_ns", "<i8"),  # grid point of the newest sample; 0: none yet
         ("state", "<i8"),
         ("stays", "<i8"),  # 1: set-point or hold lasts until another command
@@ -185,12 +187,16 @@ class Note(IntEnum):
     GROUP_BROKEN = 23
     HELD = 24
     TRIM_SETTLING = 25
+    STOP_KEPT = 26
+    ENDED = 27
 
 
 TEXTS = {
     Note.BAD_VALUE: "set-point {:g} dropped: not a finite number",
     Note.WITHDRAWN: "trajectory withdrawn by its client",
     Note.STOPPED: "stopped by a client",
+    Note.STOP_KEPT: "stopped by a client while a device has failed: once it is back, the output "
+    "ramps to the safe voltage",
     Note.HELD: "a client holds the present output",
     Note.RELEASED: "released by a client: ramping to the safe voltage",
     Note.POINT_FULL: "trajectory point at {:.3f} s dropped: the queue is full",
@@ -198,24 +204,27 @@ TEXTS = {
     Note.RUN_DRY: "the trajectory has run dry: holding its last target",
     Note.NO_SETPOINT: "no further command for {:g} s: holding, then ramping to the safe voltage",
     Note.COMMANDS_LOST: "{:.0f} commands overwritten before the loop read them",
-    Note.STOP_FAILED: "ending although the output is at {:g} V: it does not reach its safe voltage",
-    Note.STOOD_STILL: "the loop paused for {:.2f} s; it now glides to the target",
+    Note.STOP_FAILED: "ending although the output is at {:.4g} V: it does not reach its safe "
+    "voltage",
+    Note.ENDED: "the loop ends with the output at {:.4g} V",
+    Note.STOOD_STILL: "the loop paused for {:.2f} s; a motion goes on with a glide",
     Note.COMMANDS_DAMAGED: "{:.0f} damaged commands dropped",
-    Note.TRIM_GOES_ON: "the trim resumes, gauge and model differ by {:.4g}",
+    Note.TRIM_GOES_ON: "the trim resumes, gauge and model differ by {:.4g} {unit}",
     Note.TRIM_NO_READING: "trim frozen: no valid reading",
     Note.TRIM_STUCK: "trim frozen: the reading has not changed while the stage was moved",
-    Note.TRIM_JUMPED: "trim frozen: the reading has jumped, gauge and model differ by {:.4g}; it "
-    "resumes when the reading is back and settled, or after `dehyst zero`",
-    Note.TRIM_SETTLING: "trim frozen: the reading has jumped, but is plausible, {:.4g} from the "
-    "model; it resumes once the reading is settled",
-    Note.TRIM_BEYOND: "trim frozen: gauge and model differ by {:.4g}, which is implausible; "
-    "`dehyst zero` sets the gauge's zero",
+    Note.TRIM_JUMPED: "trim frozen: the reading has jumped, gauge and model differ by {:.4g} "
+    "{unit}; it resumes when the reading is back and settled, or after `dehyst zero`",
+    Note.TRIM_SETTLING: "trim frozen: the reading has jumped, but is plausible, {:.4g} {unit} from "
+    "the model; it resumes once the reading is settled",
+    Note.TRIM_BEYOND: "trim frozen: gauge and model differ by {:.4g} {unit}, which is "
+    "implausible; "
+    "`dehyst zero` sets the gauge's zero, unless the model is another stage's",
     Note.TRIM_DISTRUSTED: "trim frozen: the mismatch watch does not trust the stage or its gauge",
-    Note.ZEROED: "the gauge's zero was moved by {:.6g}",
-    Note.BAD_CORRECTION: "learned correction {:g} limited to the largest allowed",
+    Note.ZEROED: "the gauge's zero was moved by {:.6g} {unit}",
+    Note.BAD_CORRECTION: "learned correction {:g} {unit} limited to the largest allowed",
     Note.GROUP_WAITS: "holding its target until the other axes of the trajectory can continue",
     Note.GROUP_BROKEN: "holding: another axis of the trajectory has left it",
-    Note.RELOADED: "the new model is in use, set-point 0 is its {:.6g}",
+    Note.RELOADED: "the new model is in use, set-point 0 is its {:.6g} {unit}",
 }
 
 
@@ -225,9 +234,9 @@ def as_int64(member: int) -> int:
     return cast(int, np.int64(member))
 
 
-def describe_note(code: int, value: float) -> str:
-    """Return a note as a message."""
-    return TEXTS[Note(code)].format(value)
+def describe_note(code: int, value: float, unit: str) -> str:
+    """Return a note as a message. unit: of displacements."""
+    return TEXTS[Note(code)].format(value, unit=unit)
 
 
 @njit(cache=True, nogil=True)

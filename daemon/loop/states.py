@@ -2,8 +2,8 @@
 documentation (docs/loop-states.md) and by an exhaustive test.
 
 A cell names the next state. "-": the event is accepted and the state does not change; "x": the
-event is ignored. Events of one sample are handled in this order: end, recovered, commands, stale,
-arrived.
+event is ignored. In FAULT a client's stop is kept until the devices are back. Events of one sample
+are handled in this order: end, recovered, commands, stale, arrived.
 
     target   a set-point or a point of a trajectory
     halt     a client stops the motion, or withdraws the trajectory that is being played
@@ -11,7 +11,7 @@ arrived.
     stale    no target for setpoint.stale_s
     arrived  the output has reached its safe voltage
     fault    a device failed, or its report contradicts what was written
-    ramp     the devices are back, safe.on_fault = "ramp"
+    ramp     the devices are back, safe.on_fault = "ramp" or a stop was kept
     stay     the devices are back, safe.on_fault = "hold"
     end      the process is asked to end
 """
@@ -28,7 +28,7 @@ start     x        x        x        x        x        fault    x        x      
 ready     running  -        holding  x        x        fault    x        x        stopping
 running   -        holding  holding  holding  x        fault    x        x        stopping
 holding   running  -        -        x        ready    fault    x        x        stopping
-fault     x        x        x        x        x        -        holding  ready    stopping
+fault     x        -        x        x        x        -        holding  ready    stopping
 stopping  x        x        x        x        x        x        x        x        -
 """
 

@@ -22,7 +22,7 @@ from dehyst.daemon.loop.timing.histogram import Histogram
 from dehyst.daemon.loop.timing.witness import Witness
 from dehyst.daemon.rings.records import EVENT, State
 from dehyst.daemon.rings.ring import Ring
-from dehyst.daemon.rings.status import STATUS
+from dehyst.daemon.rings.status import STATUS, USUAL_SHIFT
 from dehyst.models.inverse.compensator import Compensator, CompensatorState
 
 PLACE = {name: i for i, name in enumerate(METER_T.names or ())}
@@ -242,10 +242,16 @@ class LoopMonitor:
         reach, differs = float(row["reach_max"] - row["reach_min"]), float(row["differs"])
         if abs(differs) > FAR * reach:  # False where there is no reading
             unit = bytes(row["unit"]).decode("utf-8", "replace")
-            self.stepper.events.append(
+            text = (
                 f"the gauge is {differs:+.3g} {unit} from the model: after a start the history of "
                 "the stage is unknown; `dehyst zero --exercise` erases it and finds the position"
             )
+            if abs(differs) > USUAL_SHIFT * reach:
+                text += (
+                    f"; if more than {100 * USUAL_SHIFT:g} % of the reach remains, the model may "
+                    "be another stage's"
+                )
+            self.stepper.events.append(text)
 
     def _mend(self) -> None:
         """Repair damaged rings, because a reader that attaches later relies on them."""

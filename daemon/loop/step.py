@@ -161,9 +161,10 @@ class Stepper:
         if made == self._reported:
             return
         lost = made - self._reported - NOTES
+        unit = self.compensator.model.displacement_unit
         for number in range(max(self._reported, made - NOTES), made):
             code, value = self._notes[number % NOTES].item()
-            self.events.append(describe_note(code, value))
+            self.events.append(describe_note(code, value, unit))
         if lost > 0:
             self.events.append(f"{lost} further events in the same moment")
         self._reported = made

@@ -41,6 +41,9 @@ from dehyst.models.learning.freeze_reason import FreezeReason
 from dehyst.models.model import Floats
 
 STOP_GRACE_NS = 5_000_000_000  # in addition to the ramp's duration
+PAUSE_NS = 1_000_000_000
+"""Longest time between two samples that counts towards the end of STOPPING: a loop that was
+suspended for longer has not tried to ramp meanwhile."""
 
 # enumerations as integers, which compile faster
 READY, RUNNING = as_int64(State.READY), as_int64(State.RUNNING)
@@ -73,6 +76,7 @@ NOTES_OF_TRIM = np.array(
 )
 """Notes by Why; 0: no note."""
 STOP_FAILED, STOOD_STILL = as_int64(Note.STOP_FAILED), as_int64(Note.STOOD_STILL)
+ENDED = as_int64(Note.ENDED)
 STILL_NS = 100_000_000  # after a longer pause the stage glides to the target
 GLIDE_NS = 100_000_000  # shortest duration of a glide, which also attains the target's speed
 MOST_STEEP = 1.5  # largest slope of 3 s^2 - 2 s^3
@@ -88,7 +92,8 @@ def stop(table: Table, now_ns: int) -> None:
     c, p = control_of(table), settings_record_of(table)
     if happens(c, END, now_ns):
         ramps = abs(p.safe_v - c.volts) / p.ramp_v
-        c.stop_by_ns = now_ns + int(ramps * p.period_ns) + STOP_GRACE_NS
+        c.stop_left_ns = int(ramps * p.period_ns) + STOP_GRACE_NS
+        c.stop_seen_ns = now_ns
 
 
 @njit(cache=True, nogil=True)
@@ -98,8 +103,11 @@ def stopped(table: Table, now_ns: int) -> bool:
     if c.state != STOPPING:
         return False
     if p.ramp_on_stop == 0 or c.volts == p.safe_v:
+        add_note(table, c, ENDED, c.volts)
         return True
-    if now_ns > c.stop_by_ns:
+    c.stop_left_ns -= min(max(now_ns - c.stop_seen_ns, 0), PAUSE_NS)
+    c.stop_seen_ns = now_ns
+    if c.stop_left_ns < 0:
         add_note(table, c, STOP_FAILED, c.volts)
         return True
     return False
@@ -115,11 +123,14 @@ def fault(table: Table, now_ns: int) -> None:
 
 @njit(cache=True, nogil=True)
 def recover(table: Table, now_ns: int, volts: float) -> None:
-    """Continue after a failure: the devices are back and the output is at `volts`."""
+    """Continue after a failure: the devices are back and the output is at `volts`. A stop that a
+    client commanded meanwhile is carried out now."""
     c, p = control_of(table), settings_record_of(table)
     c.found = 1
     follow_output(table, volts)
-    if happens(c, RAMP if p.ramp_on_fault != 0 else STAY, now_ns):
+    ramps = p.ramp_on_fault != 0 or c.stop_kept != 0
+    c.stop_kept = 0
+    if happens(c, RAMP if ramps else STAY, now_ns):
         c.hold_ns = 0 if p.ramp_on_fault != 0 else p.hold_ns
 
 

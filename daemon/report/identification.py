@@ -1,5 +1,6 @@
 """The identification report: its content and order."""
 
+import shlex
 from collections.abc import Sequence
 from functools import partial
 
@@ -84,7 +85,7 @@ def report_identification(
     out.add_heading("Next step")
     out.add_text(
         "Record another waveform of the same stage, slower and faster, smaller and larger, and "
-        f"check that the model predicts it: dehyst validate {model_name} REC.csv"
+        f"check that the model predicts it: dehyst validate {shlex.quote(model_name)} REC.csv"
     )
     return out.to_html()
 

@@ -75,9 +75,24 @@ def _why_not_in(around: os.stat_result) -> str:
 def at_work(folder: Path, role: str, command: str, config: Path | str) -> Iterator[None]:
     """Hold a role in the folder during the block. Raises InUse, which names the holding process by
     its command and configuration."""
+    make_run_folder(folder)
+    advice = (
+        "a name and a run folder can have only one daemon; end that one, or give this one another "
+        "name"
+    )
+    with locked(folder, role, command, config, advice):
+        yield
+
+
+@contextmanager
+def locked(
+    folder: Path, role: str, command: str, subject: Path | str, advice: str
+) -> Iterator[None]:
+    """Hold a lock of this name in any folder during the block. subject: the file or the folder that
+    the command was given; advice: what to do about another holder. Raises InUse, which names that
+    holder."""
     import fcntl  # POSIX only; reading a folder needs no lock
 
-    make_run_folder(folder)
     path = folder / f"{role}.lock"
     try:
         file = os.open(path, os.O_RDWR | os.O_CREAT | OWN, 0o600)
@@ -89,14 +104,11 @@ def at_work(folder: Path, role: str, command: str, config: Path | str) -> Iterat
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             holder = os.pread(file, LONGEST_NOTE, 0).decode("utf-8", "replace").strip()
-            raise InUse(
-                f"{folder} is in use by {holder or 'another process'}; a name and a run folder "
-                "can have only one daemon; end that one, or give this one another name"
-            ) from None
-        note = f"process {os.getpid()} (dehyst {command} of {os.path.abspath(config)})\n"
+            raise InUse(f"{folder} is in use by {holder or 'another process'}; {advice}") from None
+        note = f"process {os.getpid()} (dehyst {command} of {os.path.abspath(subject)})\n"
         try:
             os.ftruncate(file, 0)
-            os.pwrite(file, note.encode()[:LONGEST_NOTE], 0)
+            os.pwrite(file, note.encode("utf-8", "backslashreplace")[:LONGEST_NOTE], 0)
         except OSError:  # a full disk: the lock is still held, but without a name
             os.ftruncate(file, 0)
         yield

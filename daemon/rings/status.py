@@ -95,6 +95,15 @@ def counts(by_name: dict[str, int]) -> str:
     return ", ".join(f"{name} {n}" for name, n in by_name.items()) or "none"
 
 
+USUAL_SHIFT = 0.1
+"""Part of the reach: a stage that was exercised rarely differs from its model by more; one of which
+the model is another stage's does. Before, its unknown history alone may be twice as much."""
+OTHER_STAGE = (
+    "the model may be another stage's: check model.file, sensor.scale and actuator.gain, and "
+    "compare a recording with it by `dehyst validate`"
+)
+
+
 FROZEN = {
     "no_reading": "no valid reading",
     "stuck": "the gauge is stuck",
@@ -147,7 +156,8 @@ class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
     name: Name
     software: Name
     core_alive: bool
-    """False: the loop's process has sent nothing for 2.5 s; the rest is its last report."""
+    """False: the loop's process has ended or is suspended, or has sent nothing for 2.5 s; the rest
+    is its last report."""
     run: Id
     """Number of the loop's run; another one: it was restarted and counts from 0 again."""
     unit: Annotated[Unit, StatusField("S16", _text)]

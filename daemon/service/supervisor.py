@@ -18,10 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon import clock, log_lines, notify
-from dehyst.daemon.config import Controller
+from dehyst.daemon.config import Config, Controller
 from dehyst.daemon.service.event_log import EventLog
 from dehyst.daemon.service.heartbeat import Heartbeats
 from dehyst.daemon.service.life import NEXT, Life, LifeEvent
+from dehyst.daemon.terminal.what_follows import after_a_death, at_the_end
 from dehyst.models.errors import DehystError
 
 # -P: a folder called dehyst in the working directory must not be taken for the package
@@ -178,10 +179,10 @@ class Supervisor:
             self._happens(LifeEvent.WELL)
         elif self.life is Life.ENDING and code == -signal.SIGTERM:
             self._begun = False
-            self.say("the core had not begun: bringing the output to its safe state")
+            self.say(f"the core had not begun: {self._of_axes(after_a_death)}")
             self._happens(LifeEvent.DIED)
         else:
-            self.say(f"core ended with code {code}: bringing the output to its safe state")
+            self.say(f"core ended with code {code}: {self._of_axes(after_a_death)}")
             self._happens(LifeEvent.DIED)
 
     def _still(self) -> bool:
@@ -224,7 +225,7 @@ class Supervisor:
             self._heartbeat.core_started(self._pid)
             self._ready = False
         elif life is Life.ENDING:
-            self.say("ending: the output goes to its configured state")
+            self.say(f"ending: {self._of_axes(at_the_end)}")
             self.core.signal(signal.SIGTERM)
         elif life in (Life.SAVING, Life.LAST):
             if life is Life.LAST and self._begun:
@@ -278,6 +279,13 @@ class Supervisor:
         if child.due and self.life not in (Life.ENDING, Life.LAST, Life.OVER):
             self._began_ns[child.name] = clock.monotonic_ns()
             child.start()
+
+    def _of_axes(self, words: Callable[[Config], str]) -> str:
+        """Describe something of every axis, once where all are alike."""
+        said = {axis.axis: words(axis) for axis in self.controller.axes}
+        if len(set(said.values())) == 1:
+            return next(iter(said.values()))
+        return "; ".join(f"{axis}: {text}" for axis, text in said.items())
 
     # -- the rest -------------------------------------------------------------------------------
 

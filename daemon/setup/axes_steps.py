@@ -19,6 +19,7 @@ from dehyst.daemon.setup.steps import (
     ask_limits,
     chosen_rate,
     find_units,
+    quoted,
     rate_found,
     replace_configuration,
     say_what_next,
@@ -148,8 +149,8 @@ def offer_axes_service(bench: Workbench) -> Result:
     """Print the next commands to type; install nothing."""
     return say_what_next(
         bench,
-        " ".join(str(bench.model_path_of(axis)) for axis in bench.axes),
-        f"dehyst scan raster --size 2 2 --config {bench.config_path} -o raster.csv",
+        map(bench.model_path_of, bench.axes),
+        f"dehyst scan raster --size 2 2 --config {quoted(bench.config_path)} -o raster.csv",
         "dehyst play raster.csv",
     )
 

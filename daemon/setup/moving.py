@@ -16,7 +16,7 @@ from dehyst.daemon.setup.questions import Wishes
 from dehyst.daemon.setup.workbench import Workbench
 from dehyst.models.drive_design.coverage import measure_coverage
 from dehyst.models.drive_design.excitation import Excitation, design
-from dehyst.models.errors import NotNow
+from dehyst.models.errors import BadInput, NotNow
 from dehyst.models.recording import Floats, Recording
 
 
@@ -56,6 +56,7 @@ FRESH = 1  # seed of the drive for validation; 0 is the seed for identification
 def describe_gentle(bench: Workbench) -> str:
     """Describe the motion of `exercise_gently`."""
     config = bench.config()
+    check_drives(config, bench.wishes)
     now_v, spec = bench.output_now(config)
     limits = config.limits
     way = max(abs(now_v - limits.min_v), abs(now_v - limits.max_v))
@@ -152,9 +153,21 @@ def drive_for(config: Config, wishes: Wishes, seed: int) -> Excitation:
     )
 
 
+def check_drives(config: Config, wishes: Wishes) -> None:
+    """Raise BadInput if a drive of the set-up cannot be designed, before anything moves."""
+    for seed in (0, FRESH):
+        try:
+            drive_for(config, wishes, seed)
+        except BadInput as error:
+            given = {"--band": wishes.band_hz, "--duration": wishes.seconds}
+            options = [f"{name} {value:g}" for name, value in given.items() if value is not None]
+            raise BadInput(": ".join([*options, str(error)])) from None
+
+
 def describe_drive(bench: Workbench, seed: int) -> str:
     """Describe the motion of a recording with the drive of this seed."""
     config = bench.config()
+    check_drives(config, bench.wishes)
     drive, limits = drive_for(config, bench.wishes, seed), config.limits
     sines = ", ".join(f"{f:.3g}" for f in drive.frequencies_hz)
     return (

@@ -19,6 +19,7 @@ from dehyst.daemon.setup.comparison import COMPENSATED, LINEAR, SinePlan
 from dehyst.daemon.setup.moving import (
     FRESH,
     TUNING,
+    check_drives,
     check_gauge_follows,
     drive_for,
     gentle_loops,
@@ -52,6 +53,7 @@ def describe_gentle_axes(bench: Workbench) -> str:
     """Describe the motion of the step that exercises the axes gently."""
     now, ranges, small = [], {}, {}
     for axis, config in bench.configs().items():
+        check_drives(config, bench.wishes)
         now.append(f"{axis} {bench.output_now(config)[0]:.2f} V")
         limits = config.limits
         top = limits.min_v + TUNING.gentle_shares[0] * (limits.max_v - limits.min_v)
@@ -180,6 +182,8 @@ def drives_for(bench: Workbench, seed: int) -> tuple[Floats, Floats]:
 
 def describe_record(bench: Workbench) -> str:
     """Describe the motion of `record_axes_in_turn`."""
+    for config in bench.configs().values():
+        check_drives(config, bench.wishes)
     t_s, volts = drives_for(bench, 0)
     gains = np.array([config.actuator.gain for config in bench.configs().values()])
     whole_s = plan_axes(list(bench.configs().values()), t_s, volts / gains)[0][-1]

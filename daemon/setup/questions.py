@@ -44,7 +44,8 @@ class UserPrompts:
         BadInput if nobody can be asked and there is no default."""
         if self.yes:
             if default is None:
-                raise BadInput(f"{text}: give it with {option}; --yes assumes no voltage")
+                what = text.partition(",")[0]
+                raise BadInput(f"--yes needs {option}: the {what} has no default")
             return default
 
         def ask() -> float:

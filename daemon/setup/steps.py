@@ -1,6 +1,7 @@
 """The steps of a set-up, in order, as one table."""
 
-from collections.abc import Callable
+import shlex
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -143,8 +144,8 @@ def ask_limits(bench: Workbench) -> Result:
         low, high = wishes.range_v
     else:
         bench.say(f"   the amplifier gives {least:g} to {most:g} V; see the stage's own data sheet")
-        low = ask.number("lowest voltage for this stage, V", "--range", least, most, None)
-        high = ask.number("highest voltage for this stage, V", "--range", low, most, None)
+        low = ask.number("lowest voltage of the stage, V", "--range MIN MAX", least, most, None)
+        high = ask.number("highest voltage of the stage, V", "--range MIN MAX", low, most, None)
     if not least <= low < high <= most:
         raise BadInput(
             f"--range {low:g} {high:g}: the amplifier gives {least:g} to {most:g} V, and the "
@@ -208,6 +209,7 @@ def rate_found(bench: Workbench, rate_hz: float) -> Result:
     """Return the step's result with the rate."""
     sustained = bench.journal.result("units")["sustained_hz"]
     words = f"{CONFIG}: {rate_hz:g} Hz (up to {sustained:g} Hz leaves time for late replies)"
+    words = "\n".join(filter(None, (words, bench.name_in_words)))
     return {"words": words, "rate_hz": rate_hz, "sustained_hz": sustained}
 
 
@@ -253,7 +255,8 @@ def validate_on(model: Path, fresh: Result, report: Path) -> Result:
     if one.worse:
         words += (
             f", worse than it claims ({one.claim:.3g} {one.unit} rms); what it lacks: dehyst "
-            f"diagnose {recording} --model {model} -o {recording.parent / 'findings'}"
+            f"diagnose {quoted(recording)} --model {quoted(model)} -o "
+            f"{quoted(recording.parent / 'findings')}"
         )
     return fresh | {
         "words": words,
@@ -263,22 +266,27 @@ def validate_on(model: Path, fresh: Result, report: Path) -> Result:
     }
 
 
+def quoted(path: Path) -> str:
+    """Return a path as an argument of a printed command."""
+    return shlex.quote(str(path))
+
+
 def offer_service(bench: Workbench) -> Result:
     """Print the next commands to type; install nothing."""
     devices_of(bench.config())
-    return say_what_next(bench, str(bench.model_path))
+    return say_what_next(bench, [bench.model_path])
 
 
-def say_what_next(bench: Workbench, models: str, *more: str) -> Result:
+def say_what_next(bench: Workbench, models: Iterable[Path], *more: str) -> Result:
     """Print the commands that run the daemon. models: the model files; more: commands for a running
     daemon."""
-    config = bench.config_path
+    config = quoted(bench.config_path)
     for line in (
         f"dehyst run --config {config}     # in a terminal; `dehyst watch` in another",
         "dehyst zero --exercise     # once it runs: the history of the stage is unknown then",
         *more,
         'as a service: the nine commands of README.md, "Run it as a service", the second one with',
-        f"  install -D -m 0640 {config} {models} -t /etc/dehyst",
+        f"  install -D -m 0640 {config} {' '.join(map(quoted, models))} -t /etc/dehyst",
     ):
         bench.say(f"   {line}")
     return {"words": "ready to run"}

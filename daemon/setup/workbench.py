@@ -49,6 +49,18 @@ class Workbench:
         return self.wishes.name or usable_name(self.folder.resolve().name) or NAME
 
     @property
+    def name_in_words(self) -> str:
+        """Explain the controller's name if nobody chose it; "": it is the given one or the
+        folder's."""
+        folder = self.folder.resolve().name
+        if self.wishes.name or usable_name(folder):
+            return ""
+        return (
+            f"the controller's name is {NAME}, because {folder!r} is not a valid name (a-z, 0-9, - "
+            "and _); --name gives it another"
+        )
+
+    @property
     def config_path(self) -> Path:
         """Path of the configuration, whether written by the user or by the set-up."""
         return self.folder / CONFIG

@@ -102,6 +102,16 @@ class Order(Settings, frozen=True):
             raise self.wrong("dialect", f"one of {', '.join(DIALECTS)}")
 
 
+def is_served(path: Path) -> bool:
+    """Return True if a running bench serves this control socket."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as caller:
+        try:
+            caller.connect(str(path))
+        except OSError:  # none, or one that a killed bench left
+            return False
+    return True
+
+
 class Control:
     """The bench's end of the socket; `take` runs in the serving thread."""
 
@@ -110,6 +120,11 @@ class Control:
         self._log_path = log_path
         self._timers: list[threading.Timer] = []
         self._path = bench.directory / "control"
+        if is_served(self._path):
+            raise DriverConfigError(
+                f"{bench.directory}: another emulated bench runs there; end it, or choose another "
+                "folder"
+            )
         with contextlib.suppress(FileNotFoundError):
             self._path.unlink()
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dehyst.daemon import clock
 from dehyst.daemon.config import Config
-from dehyst.daemon.config.drives import drive_range
+from dehyst.daemon.config.drives import drive_range, narrow_validity
 from dehyst.daemon.files.chosen import choose_model
 from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, open_known
 from dehyst.daemon.files.models import load_model, write_text
@@ -171,8 +171,7 @@ class AxisCore:
         events.append(f"the loop runs: {compensator.mode} inverse ({compensator.reason}), {loop}")
         if self._about_model:
             events.append(self._about_model)
-        events.extend(describe_left_out(self._left_out))
-        events.extend(self.unmeasured(compensator))
+        events.extend(self._about(self.model, self._left_out, compensator))
         events.extend(self._doubt)
 
     def readback_check(self) -> ReadbackCheck | None:
@@ -259,6 +258,12 @@ class AxisCore:
             row["drive"], row["scale"], row["zero"] = what.drive, what.scale, what.zero
         return rows
 
+    def _about(self, model: Model, left_out: Sequence[str], compensator: Compensator) -> list[str]:
+        """Return messages about what a model lacks, or may lack, on this stage."""
+        narrow = narrow_validity(self.config, model)
+        said = [narrow] if narrow else []
+        return [*said, *describe_left_out(left_out), *self.unmeasured(compensator)]
+
     def unmeasured(self, compensator: Compensator) -> list[str]:
         """Return messages about channels that are neither measured nor followed."""
         measured = {name for name, channel in self.config.channels.items() if channel.driver}
@@ -293,8 +298,7 @@ class AxisCore:
         same = accepted or (self._accepted and not about)
         about = f" ({about})" if about else ""
         monitor.stepper.events.append(f"model reloaded{about}: {compensator.reason}")
-        monitor.stepper.events.extend(describe_left_out(left_out))
-        monitor.stepper.events.extend(self.unmeasured(compensator))
+        monitor.stepper.events.extend(self._about(model, left_out, compensator))
         zero = monitor.stepper.origin if same else settings.origin
         digest = self._reported.digest
         try:

@@ -176,7 +176,8 @@ def played(
                 return courses_um(clients, bench, n, repeat)
 
             before, good = course(alone, n)
-            more = ("--learn", "--picture", str(folder / "p.png")) if passes > 1 else ()
+            picture = ("--picture", str(folder / "p.png"), "--force")
+            more = ("--learn", *picture) if passes > 1 else ()
             found, in_time = course(path, n, passes, *more)
             good &= in_time
             behind, in_time = course(alone, n)

@@ -173,6 +173,27 @@ def test_chunks_must_have_as_many_times_as_targets() -> None:
             encoding.decode_command(encoding.encode(bad))
 
 
+@pytest.mark.parametrize(
+    ("payload", "says"),
+    [
+        (b"\xc1\xff\x00", "not msgpack"),
+        (b"\x81" * 5000, "nested too deeply"),
+        (b"\x91" * 5000, "nested too deeply"),
+        (b"", "incomplete"),
+        (b"\x81\xa1a", "incomplete"),
+    ],
+)
+def test_bytes_that_cannot_be_decoded_are_refused_with_a_reason(payload: bytes, says: str) -> None:
+    with pytest.raises(encoding.BadMessage, match=says):
+        encoding.decode_command(payload)
+
+
+@given(st.binary(max_size=64))
+def test_no_refusal_is_without_a_reason(payload: bytes) -> None:
+    with pytest.raises(encoding.BadMessage, match=r": \S"):
+        encoding.decode_command(payload)
+
+
 def test_ten_megabytes_are_refused_unread() -> None:
     with pytest.raises(encoding.BadMessage, match="bytes"):
         encoding.decode_command(b"\x00" * 10_000_000)

@@ -6,12 +6,15 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
+import msgpack
 import numpy as np
 import pytest
 from tests.rigs.gateway_bench import ROOT, Bench, environment, longest_pause_s, noted_pauses
 from tests.rigs.hostile import idle_connections
 
-from dehyst.daemon.bus.session import Bus
+from dehyst.daemon.bus import encoding, messages
+from dehyst.daemon.bus.encoding import MAX_ANSWERED_BYTES, MAX_COMMAND_BYTES
+from dehyst.daemon.bus.session import Asked, Bus
 from dehyst.daemon.client.client import Client
 
 DEAF = 15
@@ -72,6 +75,37 @@ def test_subscribers_that_do_not_read_cost_nobody_else_anything(tmp_path: Path) 
         assert now.links_ended >= DEAF
         assert status.bad == 0
         assert bench.gateway.poll() is None
+
+
+def test_a_command_that_is_too_long_is_answered_with_the_limit(bench: Bench) -> None:
+    """The limits are those of docs/topics.md."""
+    client = bench.client()
+    key = client.keys.rpc("command")
+    good = messages.Request(client=client.client, lease=0, sent_ns=1, action="renew")
+    for size in (MAX_COMMAND_BYTES, 5_000_000, MAX_ANSWERED_BYTES):
+        plain = msgpack.unpackb(encoding.encode(good)) | {"more": b""}
+        plain["more"] = b"x" * (size - len(msgpack.packb(plain)) - 3)
+        payload = msgpack.packb(plain)
+        assert size - 8 <= len(payload) <= size
+        (answer,) = client.bus.ask(key, payload, timeout_s=20.0)
+        reply = encoding.decode(messages.Reply, answer)
+        if size == MAX_COMMAND_BYTES:
+            assert reply.code == "no-lease"  # it was read
+        else:
+            assert reply.code == "bad-message"
+            assert "longer than 1048576 bytes" in reply.text
+    assert client.status().core_alive
+    text = (ROOT / "docs" / "topics.md").read_text()
+    assert "at most 1048576 bytes" in text
+    assert "more than 8 MiB" in text
+
+
+def test_few_commands_that_are_too_long_wait() -> None:
+    asked = Asked.__new__(Asked)
+    for size, most in ((MAX_COMMAND_BYTES, 256), (MAX_COMMAND_BYTES + 1, 8)):
+        asked.payload = b"x" * size
+        assert asked.may_wait(most - 1, 256)
+        assert not asked.may_wait(most, 256)
 
 
 @pytest.mark.timing

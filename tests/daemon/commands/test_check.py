@@ -37,6 +37,30 @@ def test_a_good_one_is_ok_with_no_device_there(tmp_path: Path) -> None:
     assert len(done.stdout.splitlines()) < 20
 
 
+def test_a_model_for_a_small_part_of_the_limits_is_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The model of the paper is valid from 0 to 10 V, as the input of an amplifier of gain 15."""
+    path = tmp_path / "config.toml"
+    for gain, says in ((15.0, ""), (8.0, ""), (7.0, "47 %"), (1.0, "6.7 %")):
+        path.write_text(GOOD.replace("gain = 15.0", f"gain = {gain}"))
+        assert main(["run", "--check", str(path)]) == 0
+        said = capsys.readouterr().out
+        assert ("may be another stage's" in said) == bool(says)
+        assert says in said
+    assert "the limits, 0 to 150 V, the model is valid from 0 to 10 V only" in said
+
+
+def test_a_missing_model_is_named_with_the_folder_that_was_searched(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text(GOOD.replace('"paper-eq11"', '"no.toml"'))
+    monkeypatch.chdir("/")
+    assert main(["run", "--check", str(path)]) == 2
+    assert f"{tmp_path / 'no.toml'}: cannot be read" in capsys.readouterr().err
+
+
 def test_the_whole_is_json_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "config.toml"
     path.write_text(GOOD)

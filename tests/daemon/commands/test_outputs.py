@@ -1,4 +1,5 @@
-"""No command's output replaces an input or, unless asked to, an existing recording."""
+"""No command's output replaces an input or, unless asked to, an existing file that is no result of
+an earlier run."""
 
 import os
 import stat
@@ -9,8 +10,9 @@ import pytest
 from tests.rigs.gateway_bench import CONFIG
 from tests.rigs.stage_model import model_text
 
+from dehyst.daemon.commands.play import check_written
 from dehyst.daemon.files.loading import SUFFIXES
-from dehyst.daemon.files.outputs import RECORDINGS, whole_file
+from dehyst.daemon.files.outputs import whole_file
 from dehyst.daemon.files.recordings import read_recording, write_recording
 from dehyst.daemon.main import COMMANDS, build_parser, main
 from dehyst.models.errors import BadInput
@@ -131,7 +133,7 @@ def test_a_report_or_a_folder_of_results_does_not_hit_an_input(
     assert "model.toml: is an input" in capsys.readouterr().err
     report = folder / "report.html"
     report.write_bytes(files["rec"].read_bytes())
-    assert main(f"identify {files['rec']} -o {report} --report {folder}".split()) == 2
+    assert main(f"identify {files['rec']} -o {report} --report {folder} --force".split()) == 2
     assert "two outputs" in capsys.readouterr().err
     assert files["model"].read_bytes() == before
 
@@ -142,31 +144,81 @@ def test_a_report_or_a_folder_of_results_does_not_hit_an_input(
 def test_an_existing_recording_is_replaced_only_when_asked(
     command: str, line: str, files: dict[str, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if "{out}" not in line and command != "demo":
+    if "{out}" not in line:
         pytest.skip("writes no recording")
-    earlier = Path("earlier.csv") if command != "demo" else Path("results/recording.csv")
+    check_kept(line, Path("earlier.csv"), files, capsys)
+    assert "--force" in help_of(command)
+
+
+def test_the_recording_of_an_earlier_demo_is_replaced_only_when_asked(
+    files: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    check_kept("demo -o {dir}", Path("results/recording.csv"), files, capsys)
+
+
+def check_kept(
+    line: str, earlier: Path, files: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Check that the command does not replace this file, and names the way to replace it."""
     earlier.parent.mkdir(exist_ok=True)
     earlier.write_text("t_s,u_v,y_um\n0.0,1.0,2.0\n")
     words = {key: str(p) for key, p in files.items()} | {"out": str(earlier), "dir": "results"}
     assert main(line.format(**words).split()) == 2
     said = capsys.readouterr().err
-    assert "exists already" in said
+    assert f"{earlier}: exists already" in said
     assert "--force" in said
     assert said.count("\n") == 1
     assert earlier.read_text() == "t_s,u_v,y_um\n0.0,1.0,2.0\n"
+    earlier.unlink()
 
 
-def test_a_recording_of_any_kind_is_kept(
+def test_a_model_that_is_none_of_dehyst_in_a_folder_of_results_is_kept(
     files: dict[str, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A file of every kind that is read as a recording, with its suffix in any case."""
-    assert {*RECORDINGS, ".json"} == set(SUFFIXES)  # .json is also what was learned and reported
-    for suffix in (*RECORDINGS, ".TXT", ".Csv"):
-        earlier = Path(f"earlier{suffix}")
+    check_kept("diagnose {rec} --model {model} -o {dir}", Path("results/model.toml"), files, capsys)
+
+
+def test_a_file_that_is_no_result_is_kept(
+    files: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A configuration, the record of a set-up, a recording, a file of another program."""
+    others = [f"earlier{s}" for s in (*SUFFIXES, ".TXT", ".Csv", ".toml", "") if s != ".json"]
+    for name in (*others, "setup.json", "units.json"):
+        earlier = Path(name)
         earlier.write_text("kept")
         assert main(["identify", str(files["rec"]), "-o", str(earlier)]) == 2
         assert f"{earlier}: exists already" in capsys.readouterr().err
         assert earlier.read_text() == "kept"
+
+
+def test_a_model_of_an_earlier_run_is_written_again(files: dict[str, Path]) -> None:
+    one = read_recording(files["rec"])
+    noisy = 0.1 * one.drive + np.random.default_rng(1).normal(0.0, 0.01, one.size)
+    write_recording(files["rec"], one.t_s, {"u_v": one.drive, "y_um": noisy})
+    line = f"identify {files['rec']} -o {files['model']} --static --order 3"
+    assert main(line.split()) == 0
+    assert files["model"].read_text() != model_text()
+
+
+def test_a_correction_is_continued_and_its_picture_drawn_again(
+    files: dict[str, Path],
+) -> None:
+    """`play --learned` continues its file, and draws its picture again; a recording that is named
+    as the picture is protected."""
+    line = ["play", str(files["trajectory"]), "--learned", "scan.learned.json"]
+    learned, chosen, named = map(Path, ("scan.learned.json", "scan-learned.png", "mine.csv"))
+    for path in (learned, chosen, named):
+        path.write_text("of the run before")
+    parser = build_parser("play")
+    check_written(parser.parse_args(line), [learned], [chosen])
+    args = parser.parse_args([*line, "--picture", "mine.csv"])
+    with pytest.raises(BadInput, match=r"mine\.csv: exists already"):
+        check_written(args, [learned], [named])
+    with pytest.raises(BadInput, match="is an input"):
+        check_written(args, [learned], [learned])
+    check_written(
+        parser.parse_args([*line, "--picture", "mine.csv", "--force"]), [learned], [named]
+    )
 
 
 def test_notes_beside_an_output_are_kept(

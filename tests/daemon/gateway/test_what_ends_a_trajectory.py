@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from tests.rigs.gate import Gate, S, grid
 
+from dehyst.daemon.client.client import Refusal
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.rings.records import COMMAND, LoopCommand
@@ -142,3 +143,20 @@ def test_every_lease_counts_its_setpoints_from_0(gate: Gate, client: int) -> Non
     assert gate.request(client, "take-over").ok
     assert gate.setpoint(0, client=client).ok
     assert gate.setpoint(0, client=client).code == "old"
+
+
+def test_a_refused_chunk_is_not_reported_as_the_end_of_the_trajectory(gate: Gate) -> None:
+    said: list[str] = []
+    gate.gate.report = lambda _level, _code, text: said.append(text)
+    assert gate.chunk(0, grid(0, 0.5)).ok
+    assert gate.chunk(2, grid(1.0, 0.5)).code == "order"
+    assert gate.chunk(1, grid(0.5, 0.5)).ok  # it goes on
+    (text,) = said
+    assert text.startswith("a chunk is refused, the trajectory in play goes on: chunk 2")
+
+
+def test_a_taken_lease_is_refused_with_what_to_do(gate: Gate) -> None:
+    reply = gate.request(2, "acquire")
+    said = str(Refusal(reply.code, reply.text))
+    assert "first commands this daemon" in said
+    assert said.endswith(": wait, or take over with take_over() or --take-over [lease-taken]")

@@ -17,7 +17,7 @@ from dehyst.daemon.rings.records import Flag, LoopCommand, MissCause, State
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.hysteresis.forward import simulate_hysteresis
-from dehyst.models.model import Block
+from dehyst.models.model import Block, Validity
 
 
 @pytest.fixture
@@ -147,6 +147,11 @@ def test_reload_swaps_a_good_model_and_refuses_a_broken_one(
         own.write_text(good)
         process.send_signal(signal.SIGHUP)
         until(lambda: "model reloaded" in rings.events(), 20, "reload")
+        assert "another stage's" not in rings.events()
+        save_model(replace(load_model(own), validity=Validity(0.0, 10.0)), own)  # of 0 to 150 V
+        process.send_signal(signal.SIGHUP)
+        until(lambda: "it may be another stage's" in rings.events(), 20, "the warning")
+        own.write_text(good)
         gain = {"gain_um_per_unit": 0.01, "reference": 0.0}
         coupled = Block("coupling", "stage", gain, "u2_v")
         save_model(replace(load_model(own), blocks=(coupled,)), own)

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.daemon.loop.test_step import GAIN, Bench, compensator, model, points
+from tests.daemon.loop.test_step import GAIN, PERIOD_NS, Bench, compensator, model, points
 
+from dehyst.daemon.loop import step_kernel
 from dehyst.daemon.loop.records_in_memory import SETTINGS
 from dehyst.daemon.loop.states import NEXT, NOTHING, TABLE, LoopEvent
-from dehyst.daemon.rings.records import LoopCommand, State
+from dehyst.daemon.rings.records import COMMAND, LoopCommand, State
 
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "loop-states.md"
 SAFE_V, START_V = 3.0, 20.0
@@ -138,3 +139,71 @@ def test_release_goes_to_the_safe_voltage_at_once_and_stop_holds_first() -> None
         assert (bench.stepper.volts != before) == moved
     bench.tick((LoopCommand.RELEASE, 0.0), n=10)  # and a release ends a hold
     assert bench.stepper.volts == pytest.approx(before - 10 * 0.04)  # ramp 40 V/s at 1 kHz
+
+
+@pytest.mark.parametrize("ramps", [False, True])
+def test_a_stop_during_a_fault_is_carried_out_when_the_device_is_back(ramps: bool) -> None:
+    """It holds and then ramps, as after any stop; with on_fault = "ramp" it ramps at once."""
+    bench = in_state(S.RUNNING)
+    bench.stepper.table.kept[SETTINGS]["ramp_on_fault"] = ramps
+    bench.stepper.fault(bench.now, "pulled")
+    held = bench.stepper.volts
+    for _ in range(3):
+        bench.tick((LoopCommand.STOP_MOTION, 0.0), n=10)
+    assert bench.stepper.state is S.FAULT
+    assert bench.stepper.volts == held
+    assert sum("once it is back" in text for text in bench.stepper.events) == 1
+    bench.stepper.recover(bench.now, held)
+    bench.tick(n=4900)  # hold_s is 5 s
+    assert bench.stepper.state is (S.READY if ramps else S.HOLDING)
+    assert bench.stepper.volts == (SAFE_V if ramps else held)
+    bench.tick(n=3000)
+    assert bench.stepper.state is S.READY
+    assert bench.stepper.volts == SAFE_V
+
+
+def test_a_stop_is_kept_for_one_fault_only() -> None:
+    bench = in_state(S.RUNNING)
+    bench.stepper.fault(bench.now, "pulled")
+    bench.tick((LoopCommand.STOP_MOTION, 0.0))
+    bench.stepper.recover(bench.now, bench.stepper.volts)
+    bench.tick((LoopCommand.SETPOINT, 2.0), n=5)  # the next command counts
+    assert bench.stepper.state is S.RUNNING
+    bench.stepper.fault(bench.now, "pulled again")
+    bench.tick()
+    bench.stepper.recover(bench.now, bench.stepper.volts)
+    bench.tick()
+    assert bench.stepper.state is S.READY  # on_fault = "hold"
+
+
+@pytest.mark.parametrize("suspended_ns", [60_000_000_000, 3_600_000_000_000])
+@pytest.mark.parametrize("before", [0, 50])
+def test_a_loop_that_was_suspended_as_it_ended_ramps_after_it(
+    suspended_ns: int, before: int
+) -> None:
+    """before: samples between the stop and the suspension."""
+    bench = in_state(S.RUNNING)
+    words = bench.stepper.table.words
+    bench.stepper.stop(bench.now)
+    for _ in range(before):
+        bench.tick()
+        assert not step_kernel.stopped(words, bench.now)
+    bench.now += suspended_ns
+    while not step_kernel.stopped(words, bench.now):
+        bench.tick()
+    assert bench.stepper.volts == SAFE_V
+    bench.stepper.collect_events()
+    assert bench.stepper.events[-1] == f"the loop ends with the output at {SAFE_V:g} V"
+
+
+def test_an_output_that_does_not_follow_is_given_up_after_the_ramp_and_5_s() -> None:
+    bench = in_state(S.RUNNING)
+    volts, begun = bench.stepper.volts, bench.now
+    bench.stepper.stop(bench.now)
+    while not step_kernel.stopped(bench.stepper.table.words, bench.now):
+        bench.now += PERIOD_NS
+        bench.stepper.step(bench.now, 1.0, np.zeros(0, COMMAND))  # and nothing is written
+    assert bench.stepper.volts == volts
+    assert (bench.now - begun) * 1e-9 == pytest.approx((volts - SAFE_V) / 40.0 + 5.0, abs=0.01)
+    bench.stepper.collect_events()
+    assert "does not reach its safe voltage" in bench.stepper.events[-1]

@@ -12,6 +12,7 @@ from tests.rigs.stepper import GAIN, PERIOD_NS, SLEW, Bench, compensator, model,
 from tests.rigs.two_loops import Rig, setpoint
 
 from dehyst.daemon.config import parse_config
+from dehyst.daemon.loop.records_in_memory import TEXTS, Note, describe_note
 from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.step import Stepper
 from dehyst.daemon.loop.trim import trim_setting
@@ -287,3 +288,19 @@ def test_an_unknown_history_is_reported_once() -> None:
     rig.play([np.zeros(0, COMMAND)], 4500, compiled=False)
     texts = [bytes(text).decode() for text in rig.rings["event"].read(0)[0]["text"]]
     assert len([text for text in texts if "`dehyst zero --exercise`" in text]) == 1
+
+
+def test_messages_with_a_displacement_have_its_unit() -> None:
+    others = {
+        Note.BAD_VALUE, Note.POINT_FULL, Note.POINT_LATE, Note.NO_SETPOINT, Note.COMMANDS_LOST,
+        Note.STOP_FAILED, Note.STOOD_STILL, Note.COMMANDS_DAMAGED, Note.ENDED,
+    }  # fmt: skip
+    for note in Note:
+        said = describe_note(note, 0.5, "nm")
+        assert ("0.5 nm" in said) == ("{:" in TEXTS[note] and note not in others), said
+
+
+def test_a_moved_zero_is_reported_in_the_models_unit() -> None:
+    bench = Bench()
+    bench.tick((LoopCommand.ZERO, 0.25))
+    assert bench.stepper.events[-1] == "the gauge's zero was moved by 0.25 um"

@@ -17,6 +17,8 @@ from dehyst.daemon.rings import run_folder
 from dehyst.daemon.setup.axes_steps import AXES_STEPS, write_axes_configuration
 from dehyst.daemon.setup.journal import Journal
 from dehyst.daemon.setup.moving_axes import (
+    describe_gentle_axes,
+    describe_record,
     find_owners,
     record_axes_in_turn,
     small_loops,
@@ -73,6 +75,14 @@ def test_the_steps_have_the_names_of_one_axis_and_move_where_those_do() -> None:
     moving = [step.name for step in AXES_STEPS if step.moves is not None]
     assert moving == ["exercise", "record", "validate", "track"]
     assert [s.options for s in AXES_STEPS] == [s.options for s in STEPS]
+
+
+def test_a_drive_that_cannot_be_designed_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    bench = workbench(tmp_path, band_hz=9.0)
+    own_config(bench, "still")
+    for describe in (describe_gentle_axes, describe_record):
+        with pytest.raises(BadInput, match="--band 9: sampling rate: 100 Hz is too low"):
+            describe(bench)
 
 
 @pytest.mark.usefixtures("virtual_time")

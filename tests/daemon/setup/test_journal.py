@@ -157,3 +157,6 @@ def test_each_folder_is_a_controller_of_its_own(
     path.mkdir()
     bench = Workbench(path, Wishes(name=wished), Journal(path), asking, print)
     assert bench.name == name
+    assert (f"the controller's name is stage-1, because {folder!r}" in bench.name_in_words) == (
+        name == "stage-1"
+    )

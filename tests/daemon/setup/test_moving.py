@@ -142,6 +142,24 @@ def test_the_drive_stays_within_limits_and_slew(tmp_path: Path, seed: int, slew:
     assert f"{drive.u.min():.4g} to {drive.u.max():.4g} V" in said
 
 
+@pytest.mark.parametrize(
+    ("wishes", "said"),
+    [
+        ({"band_hz": 9.0}, "--band 9: sampling rate: 100 Hz is too low for a band of 13.5 Hz"),
+        ({"seconds": 2.5}, "--duration 2.5: duration: 2.5 s is too short for 2 sines"),
+        ({"seconds": 3.3, "band_hz": 1.0}, "too short for 3 sines"),  # those of the validation
+    ],
+)
+def test_a_drive_that_cannot_be_designed_is_refused_before_anything_moves(
+    tmp_path: Path, wishes: dict[str, float], said: str
+) -> None:
+    bench = workbench(tmp_path, **wishes)
+    bench.config_path.write_text(CONFIG.format(actuator="still", sensor="still"))
+    for describe in (moving.describe_gentle, lambda bench: moving.describe_drive(bench, 0)):
+        with pytest.raises(BadInput, match=said):
+            describe(bench)
+
+
 def found_units(bench: Workbench) -> None:
     unit = {"driver": "mdt693b", "port": "/dev/x", "minimum": 0.0, "maximum": 75.0}
     sensor = {"driver": "ksg101", "port": "/dev/y", "minimum": -20.0, "maximum": 20.0}
@@ -152,7 +170,7 @@ def found_units(bench: Workbench) -> None:
 def test_limits_are_asked_for_and_lie_within_the_unit(tmp_path: Path) -> None:
     bench = workbench(tmp_path)
     found_units(bench)
-    with pytest.raises(BadInput, match="--yes assumes no voltage"):
+    with pytest.raises(BadInput, match="--yes needs --range MIN MAX: the lowest voltage of the"):
         ask_limits(bench)
     for low, high in ((0.0, 100.0), (-1.0, 50.0), (50.0, 50.0), (0.0, float("nan"))):
         bench.wishes = Wishes(range_v=(low, high))

@@ -266,4 +266,34 @@ CHANGES = [
             "private keys can be read by everybody",
         ),
     ),
+    *room(
+        MESSAGE_TESTS,
+        Change(
+            "refused-without-a-reason",
+            "daemon/bus/encoding.py",
+            "why = str(error) or _SILENT.get(type(error), type(error).__name__)",
+            "why = str(error)",
+            "bytes that are not msgpack are refused with an empty reason",
+        ),
+    ),
+    *room(
+        (
+            "tests/daemon/bus/test_hostile.py::test_a_command_that_is_too_long_is_answered_with_the_limit",
+            "tests/daemon/bus/test_hostile.py::test_few_commands_that_are_too_long_wait",
+        ),
+        Change(
+            "too-long-for-an-answer",
+            "daemon/bus/session.py",
+            "_common(MAX_ANSWERED_BYTES + 4096)",
+            "_common(MAX_COMMAND_BYTES + 4096)",
+            "a command that is too long gets no answer",
+        ),
+        Change(
+            "long-ones-fill-the-memory",
+            "daemon/bus/session.py",
+            "if len(self.payload) <= MAX_COMMAND_BYTES else MOST_LONG)",
+            ")",
+            "commands that are too long fill 2 GiB of the gateway's memory",
+        ),
+    ),
 ]

@@ -400,13 +400,64 @@ CHANGES += room(
 ) + room(
     ("tests/daemon/commands/test_outputs.py",),
     Change(
-        "only-csv-is-a-recording", "daemon/files/outputs.py", "kind.endswith(RECORDINGS)",
-        "kind.endswith(RECORDINGS[:2])", "a model replaces a recording in a .txt file",
+        "only-recordings-are-kept", "daemon/files/outputs.py",
+        "if not force and path.exists() and not _is_result(path):",
+        "if not force and path.exists() and path.name.endswith((\".csv\", \".npz\")):",
+        "identify replaces a configuration, or the record of a set-up, without a word",
     ),
     Change(
         "notes-replaced", "daemon/files/outputs.py",
-        "if not force and notes.exists() and kind.endswith(WITH_NOTES):", "if False:",
+        "if not force and notes.exists() and path.name.lower().endswith(WITH_NOTES):", "if False:",
         "the notes of another recording are overwritten or deleted",
+    ),
+    Change(
+        "results-are-replaced", "daemon/commands/diagnose.py",
+        "[*args.recordings, args.model], args.force)", "[*args.recordings, args.model], True)",
+        "a diagnosis replaces a file of another program that is called model.toml",
+    ),
+    Change(
+        "named-picture-is-replaced", "daemon/commands/play.py",
+        "args.force or not args.picture", "True",
+        "play draws its picture over a recording",
+    ),
+    Change(
+        "results-are-kept", "daemon/files/outputs.py",
+        "return MODEL_TABLE in file.read(HEAD_BYTES)", "return False",
+        "identify refuses to write the model again that an earlier run wrote",
+    ),
+    Change(
+        "correction-is-not-continued", "daemon/commands/play.py",
+        "check_outputs(learned, inputs, force=True)",
+        "check_outputs(learned, inputs, args.force)",
+        "play --learned refuses the correction that it should continue",
+    ),
+) + room(
+    ("tests/daemon/commands/test_printed_commands.py",),
+    Change(
+        "next-command-has-blanks", "daemon/api/identification_summary.py",
+        "NEXT.format(shlex.quote(str(output)))", "NEXT.format(output)",
+        "the printed command cannot be typed where the model's path contains a blank",
+    ),
+    Change(
+        "set-up-prints-blanks", "daemon/setup/steps.py",
+        "return shlex.quote(str(path))", "return str(path)",
+        "the commands after a set-up cannot be typed where its folder's name contains a blank",
+    ),
+    Change(
+        "bench-command-has-blanks", "daemon/bench/emulated.py",
+        'shlex.join(["dehyst", "emulate", *arguments, "--dir", str(folder)])',
+        '" ".join(["dehyst", "emulate", *arguments, "--dir", str(folder)])',
+        "the printed command of a bench cannot be typed where its folder contains a blank",
+    ),
+    Change(
+        "recovery-has-blanks", "daemon/files/csv_table.py",
+        'f"{shlex.quote(name)} whole.csv keeps', 'f"{name} whole.csv keeps',
+        "the command that recovers a recording cannot be typed where its name contains a blank",
+    ),
+    Change(
+        "screen-without-umlauts", "daemon/main.py",
+        'stream.reconfigure(errors="backslashreplace")', 'stream.reconfigure(errors="strict")',
+        "a path with an umlaut ends a command with a traceback on a screen of another encoding",
     ),
 ) + room(
     ("tests/daemon/commands/test_other_files.py",),
@@ -567,8 +618,8 @@ CHANGES += room(
         "lost = np.isin(values, [])", "-9999, which stands for no value, is read as a displacement",
     ),
     Change(
-        "other-factor-passed-over", LIBRARIES, "if (other, zero) != (1.0, 0.0):",
-        "if False:",
+        "other-factor-passed-over", f"{FOREIGN}/beside.py",
+        "if (factor, offset) == (1.0, 0.0):", "if True:",
         "numbers that a scaling factor belongs to are read without it and without a word",
     ),
     Change(
@@ -936,3 +987,72 @@ CHANGES += [
         ),
     ),
 ]  # fmt: skip
+SCALES = "tests/daemon/files/test_stated_scales.py"
+UNDERSTAND, STEP = f"{FOREIGN}/understand.py", f"{FOREIGN}/stated_step.py"
+CHANGES += room(
+    (SCALES,),
+    Change(
+        "clock-in-the-unit-of-its-heading", UNDERSTAND,
+        "    if column.clock:  # converted", "    if column.clock and not unit:  # converted",
+        "a clock under `Time (min)` makes every rate of the model wrong by 60",
+    ),
+    Change(
+        "columns-of-a-clock-apart", UNDERSTAND,
+        'joined = None if reading.rate_hz or "t" in reading.columns else join_clocks(columns)',
+        "joined = None",
+        "hours, minutes and seconds in columns of their own are no time, whatever is named",
+    ),
+    Change(
+        "one-time-in-two-units-is-added", f"{FOREIGN}/epochs.py",
+        "if not (whole and np.all((v >= 0.0) & (v < most))):", "if False:",
+        "seconds and the same in milliseconds add to twice the time",
+    ),
+    Change(
+        "packed-clock-taken", f"{FOREIGN}/epochs.py", "return bool(in_turn and short and",
+        "return bool(False and", "140759 is followed by a pause of 40 seconds at each minute",
+    ),
+    Change(
+        "unit-beside-a-rate-lost", f"{FOREIGN}/beside.py",
+        "value, *filter(None, [_own_unit(name, notes)])]", "value]",
+        "a rate of 1 kHz is read as 1 Hz",
+    ),
+    Change(
+        "unit-below-a-rate-lost", f"{FOREIGN}/grid.py", "            here.append(below[1])",
+        "            pass", "a rate of 1 kHz in a preamble is read as 1 Hz",
+    ),
+    Change(
+        "lines-of-a-microscope-are-rows", STEP,
+        'if rate and name.lower().startswith("scan") and scaled * SURELY_SECONDS < 1.0:',
+        "if False:", "a line rate of 1 Hz is read as the rate of the rows",
+    ),
+    Change(
+        "time-unit-without-times-taken", UNDERSTAND,
+        "not reading.rate_hz and number is None and found.step_s > 0.0:", "False:",
+        "--time-unit is accepted and does nothing",
+    ),
+    Change(
+        "factor-in-a-name-lost", f"{FOREIGN}/units.py",
+        "if factor := _factor_beside(plain):", "if factor := None:",
+        "U/10 V is read as volts, and the gain is wrong by ten",
+    ),
+    Change(
+        "factor-beside-numbers-lost", f"{FOREIGN}/arrays.py",
+        'column.unit = f"{column.unit}{factor}".strip()', "pass",
+        "volts at a monitor are read as those of the stage",
+    ),
+    Change(
+        "monitor-drives", f"{FOREIGN}/roles.py",
+        "if words & _MONITOR and (driven or voltage) and not sensed:", "if False:",
+        "a monitor's fifteenth is taken for the voltage, and the gain is wrong by 15",
+    ),
+    Change(
+        "rows-written-twice-are-rows", TIMES,
+        "if all(same_row(begin + int(row)) for row in repeated):", "if repeated.size < 9:",
+        "a logger that writes each row twice doubles every rate",
+    ),
+    Change(
+        "unit-of-a-signal-on-its-times", f"{FOREIGN}/beside.py",
+        'if role_of(heading[len(group_of(heading)) :], "")[0] == "t":', "if False:",
+        "the times of a MATLAB timeseries are volts",
+    ),
+)  # fmt: skip

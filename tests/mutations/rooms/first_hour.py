@@ -12,6 +12,13 @@ CHANGES = [
             "        if False:\n",
             "a misspelt option refers the user to the help of all commands",
         ),
+        Change(
+            "an-empty-folder-is-this-one",
+            "daemon/main.py",
+            "if empty := _find_empty(args):",
+            'if empty := "":',
+            "an unset variable of a script sets up the working directory",
+        ),
     ),
     *room(
         ("tests/daemon/loop/test_compiled_apart.py",),
@@ -113,6 +120,95 @@ CHANGES = [
             "        self._placed = True\n",
             "",
             "after a start the same event repeats every second and displaces all others",
+        ),
+    ),
+    *room(
+        ("tests/daemon/terminal/test_dumb.py",),
+        Change(
+            "a-dumb-terminal-is-drawn",
+            "daemon/commands/watch.py",
+            "    return console.is_terminal and known and not console.is_dumb_terminal\n",
+            "    return console.is_terminal\n",
+            "`dehyst watch` shows nothing with TERM=dumb",
+        ),
+    ),
+    *room(
+        ("tests/daemon/commands/test_check.py",),
+        Change(
+            "another-stages-model",
+            "daemon/config/drives.py",
+            "    if part >= SMALL_PART:\n",
+            "    if True:\n",
+            "a model of another stage is accepted without a warning",
+        ),
+        Change(
+            "missing-somewhere",
+            "daemon/config/file.py",
+            "if model.exists() or not (Path(name).exists() or name in SHIPPED):",
+            "if model.exists():",
+            "a missing model is reported without the folder that was searched",
+        ),
+    ),
+    *room(
+        ("tests/daemon/loop/test_process.py",),
+        Change(
+            "another-stages-reload",
+            "daemon/loop/axes/core.py",
+            "        said = [narrow] if narrow else []\n",
+            "        said: list[str] = []\n",
+            "a reload takes the model of another stage without a warning",
+        ),
+    ),
+    *room(
+        ("tests/daemon/commands/test_words_of_motion.py",),
+        Change(
+            "any-shift-is-usual",
+            "daemon/commands/zero.py",
+            "    if part <= USUAL_SHIFT:\n",
+            "    if True:\n",
+            "`dehyst zero` calls the shift that hides another stage's model usual",
+        ),
+        Change(
+            "interrupted-exercise",
+            "daemon/commands/zero.py",
+            '            say(f"{of}stopped early, so the zero was not set; '
+            'the stage {after_a_stop(config)}")\n',
+            "",
+            "Ctrl-C in `zero --exercise` says neither what was done nor what the stage does",
+        ),
+        Change(
+            "interrupted-stay",
+            "daemon/commands/send.py",
+            "        except KeyboardInterrupt:\n            say_end(stage, after_the_last)\n",
+            "        except KeyboardInterrupt:\n",
+            "Ctrl-C in `send --for` does not say what the stage does",
+        ),
+    ),
+    *room(
+        ("tests/daemon/loop/test_trim.py",),
+        Change(
+            "a-number-without-a-unit",
+            "daemon/loop/records_in_memory.py",
+            'zero was moved by {:.6g} {unit}"',
+            'zero was moved by {:.6g}"',
+            "a line of the log leaves the unit of its number open",
+        ),
+    ),
+    *room(
+        ("tests/daemon/gateway/test_what_ends_a_trajectory.py",),
+        Change(
+            "a-chunk-is-all",
+            "daemon/gateway/admission.py",
+            "a chunk is refused, the trajectory in play goes on: {refused}",
+            "the trajectory in play is refused: {refused}",
+            "a refused chunk is reported as the end of a trajectory that goes on",
+        ),
+        Change(
+            "taken-and-no-way-out",
+            "daemon/client/client.py",
+            '" with take_over() or --take-over"',
+            '""',
+            "a user who may take over is not told how",
         ),
     ),
     *room(

@@ -136,8 +136,8 @@ CHANGES = [
         Change(
             "model-not-led",
             STEP,
-            "    follow_output(table, volts)\n    if",
-            "    c.volts = volts\n    if",
+            "    follow_output(table, volts)\n    ramps",
+            "    c.volts = volts\n    ramps",
             "after a fault the model's state no longer matches the stage",
         ),
         Change(

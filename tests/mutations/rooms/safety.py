@@ -4,6 +4,7 @@ from tests.mutations.change import Change, room
 
 LIFE, STATES = "daemon/service/life.py", "daemon/loop/states.py"
 HEARTBEAT, SUPERVISOR = "daemon/service/heartbeat.py", "daemon/service/supervisor.py"
+STEP = "daemon/loop/step_kernel.py"
 FOLDER, SAMPLE = "daemon/rings/run_folder.py", "daemon/loop/sample.py"
 GATE = "daemon/gateway/admission.py"
 SESSION, RECORDINGS = "daemon/bus/session.py", "daemon/files/loading.py"
@@ -144,8 +145,8 @@ CHANGES = [
         ),
         Change(
             "fault-takes-targets", STATES,
-            "fault     x        x        x        x        x        -        holding  ready",
-            "fault     running  x        x        x        x        -        holding  ready",
+            "fault     x        -        x        x        x        -        holding  ready",
+            "fault     running  -        x        x        x        -        holding  ready",
             "set-points are followed although the amplifier contradicts them",
         ),
         Change(
@@ -166,10 +167,70 @@ CHANGES = [
             "a stage that was released stays at a high voltage",
         ),
         Change(
+            "suspended-time-counts", STEP,
+            "c.stop_left_ns -= min(max(now_ns - c.stop_seen_ns, 0), PAUSE_NS)",
+            "c.stop_left_ns -= now_ns - c.stop_seen_ns",
+            "a loop that was suspended as the daemon ended leaves the output high",
+        ),
+        Change(
+            "stop-in-fault-forgotten", "daemon/loop/command_kernels.py",
+            "        c.stop_kept = 1\n", "",
+            "a stop during a fault leaves the output high when the device is back",
+        ),
+        Change(
+            "stop-kept-for-the-next-fault", STEP, "    c.stop_kept = 0\n", "",
+            "after a later fault the output ramps although safe.on_fault = hold",
+        ),
+        Change(
+            "end-without-a-voltage", STEP, "        add_note(table, c, ENDED, c.volts)\n", "",
+            "the log does not say at which voltage the daemon has left the output",
+        ),
+        Change(
             "hold-on-fault-ramps", STATES,
-            "fault     x        x        x        x        x        -        holding  ready",
-            "fault     x        x        x        x        x        -        holding  holding",
+            "fault     x        -        x        x        x        -        holding  ready",
+            "fault     x        -        x        x        x        -        holding  holding",
             "a fault ramps the output although safe.on_fault = hold",
+        ),
+    ),
+    *room(
+        ("tests/daemon/service/test_stops.py",),
+        Change(
+            "stop-in-fault-promises", "daemon/commands/send.py",
+            '    if status.state == "fault":\n', "    if False:\n",
+            "`send --stop` promises a ramp while nothing can be written",
+        ),
+        Change(
+            "stop-at-rest-promises", "daemon/commands/send.py",
+            'if status.state == "ready" and', "if False and",
+            "`send --stop` promises a ramp of an output that stays where it is",
+        ),
+        Change(
+            "end-names-no-voltage", SUPERVISOR,
+            'f"ending: {self._of_axes(at_the_end)}"', '"ending"',
+            "the log does not say what the output does as the daemon ends",
+        ),
+        Change(
+            "death-promises-a-ramp", "daemon/terminal/what_follows.py",
+            'if config.safe.on_fault == "hold":', "if False:",
+            "the log promises a safe output that `dehyst safe` leaves high",
+        ),
+    ),
+    *room(
+        ("tests/daemon/gateway/test_silent_loop.py",),
+        Change(
+            "a-dead-loop-runs-on", "daemon/gateway/publisher.py",
+            "(silent_ns < SILENT_NS and not self._rings.is_stopped)", "silent_ns < SILENT_NS",
+            "for seconds `dehyst status` reports a loop that was killed as running",
+        ),
+        Change(
+            "suspended-is-running", "daemon/gateway/core_rings.py",
+            "return has_ended(pid) or is_suspended(pid)", "return has_ended(pid)",
+            "for seconds `dehyst status` reports a loop that was suspended as running",
+        ),
+        Change(
+            "no-reading-for-a-second", "daemon/gateway/publisher.py",
+            'if not math.isfinite(record["differs"]):', "if False:",
+            "after a start a gauge that works is reported to give no reading",
         ),
     ),
     *room(

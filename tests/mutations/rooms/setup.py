@@ -6,6 +6,7 @@ from tests.mutations.change import Change, room
 MOVING, STEPS = "daemon/setup/moving.py", "daemon/setup/steps.py"
 BENCH = "daemon/setup/workbench.py"
 OUTPUTS = "daemon/acquire/outputs.py"
+UNDESIGNED = "test_a_drive_that_cannot_be_designed_is_refused_before_anything_moves"
 TESTS = ("tests/daemon/setup/test_moving.py", "tests/daemon/setup/test_journal.py")
 
 CHANGES = [
@@ -52,8 +53,8 @@ CHANGES = [
         Change(
             "voltage-for-granted",
             "daemon/setup/questions.py",
-            "            if default is None:\n                raise ",
-            "            if default is None:\n                return high\n                raise ",
+            "            if default is None:\n                what = ",
+            "            if default is None:\n                return high\n                what = ",
             "without an answer of the user the amplifier's whole range is used for the stage",
         ),
         Change(
@@ -62,6 +63,76 @@ CHANGES = [
             "                bench.ask.go_on(step.name)\n",
             "",
             "a step moves the stage without the user's agreement",
+        ),
+    ),
+    *room(
+        ("tests/daemon/setup/test_folder.py",),
+        Change(
+            "numbers-unchecked",
+            "daemon/commands/setup.py",
+            "if value is not None and not 0.0 < value < float",
+            "if value and not value < float",
+            "--band 0 is ignored, and --band -1 is refused only when the stage has moved",
+        ),
+        Change(
+            "ports-of-a-directory",
+            "daemon/commands/setup.py",
+            "return str(path.parent.resolve() / path.name)",
+            "return port",
+            "a stage that was set up with a relative path runs from one directory only",
+        ),
+        Change(
+            "folder-shared",
+            "daemon/commands/setup.py",
+            'held.enter_context(locked(args.folder, "setup", "setup", args.folder, advice))',
+            "pass",
+            "a second set-up of a folder replaces the record and the bench of the first",
+        ),
+        Change(
+            "bench-of-a-daemon",
+            "daemon/commands/setup.py",
+            'if is_served(folder / "control"):',
+            "if False:",
+            "a set-up is not refused clearly while a daemon uses the folder's bench",
+        ),
+        Change(
+            "ports-taken-over",
+            "drivers/emulated/control.py",
+            "        if is_served(self._path):\n",
+            "        if False:\n",
+            "a second bench replaces the ports of a running one, and deletes them at its end",
+        ),
+        Change(
+            "name-by-default",
+            "daemon/setup/steps.py",
+            "filter(None, (words, bench.name_in_words))",
+            "(words,)",
+            "a folder whose name no controller can have gives stage-1 without a word",
+        ),
+    ),
+    *room(
+        (f"tests/daemon/setup/test_moving.py::{UNDESIGNED}",),
+        Change(
+            "validation-drive-too-late",
+            MOVING,
+            "for seed in (0, FRESH):",
+            "for seed in (0,):",
+            "a set-up whose validation cannot be driven moves the stage for a minute first",
+        ),
+        Change(
+            "band-too-late",
+            MOVING,
+            "    config = bench.config()\n    check_drives(config, bench.wishes)\n    now_v",
+            "    config = bench.config()\n    now_v",
+            "a band that the rate cannot follow is refused only when the stage has moved",
+        ),
+        Change(
+            "band-of-axes-too-late",
+            "daemon/setup/moving_axes.py",
+            "        check_drives(config, bench.wishes)\n        now",
+            "        now",
+            "a band that the rate cannot follow is refused only when the axes have moved",
+            (f"tests/daemon/setup/test_axes.py::{UNDESIGNED}",),
         ),
     ),
     *room(
