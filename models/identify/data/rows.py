@@ -125,7 +125,6 @@ def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]
             f"{name}: the displacement reads {np.nanmin(y):.6g} {recording.displacement_unit} all "
             "the time while the drive moves; check the sensor and its cable"
         )
-    _require_order(name, u, high - low)
     rise, fall = measure_travels(u[~np.isnan(u)])
     slow_rise, slow_fall = measure_travels(_without_jumps(recording.t_s, u, high - low))
     if min(slow_rise, slow_fall) < 0.2 * (high - low) < high - low < max(slow_rise, slow_fall):
@@ -140,19 +139,6 @@ def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]
         notes.append(
             f"{name}: the drive comes back over only {min(rise, fall) / (high - low):.0%} of its "
             "range; the rest of the loop is extrapolated"
-        )
-
-
-def _require_order(name: str, u: Floats, span: float) -> None:
-    """Raise BadRecording if the drive (N,) jumps back and forth from row to row, as rows in no
-    order of time do, and a drive of less than three rows a period."""
-    steps = np.diff(u[~np.isnan(u)])
-    size = float(np.median(np.abs(steps))) / span
-    alike = float(steps[1:] @ steps[:-1]) / float(steps @ steps)
-    if size > TUNING.small and alike < -TUNING.quarter:
-        raise BadRecording(
-            f"{name}: the drive jumps back and forth by {size:.0%} of its range from row to row: "
-            "sort the rows by time, or record more rows in each period of the drive"
         )
 
 

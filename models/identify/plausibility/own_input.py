@@ -42,6 +42,8 @@ largest step over the range for which that is no coarse gauge."""
 LEVELS, FEWEST_AT_A_LEVEL = 20, 3
 """Number of drive levels at which rising and falling readings are compared; least number of
 readings of each."""
+ROWS_BEFORE = 8
+"""Rows from which a row of a drive follows: those of four sines of any frequency determine it."""
 AT_THE_STOP = 3
 """Number of drive levels, after the first, on which a displacement that has come to a stop shows no
 slope: 15 % of the drive's range. A stage that saturates keeps a third of its mean slope."""
@@ -131,6 +133,8 @@ def require_own_input(
     loop = figures.hysteresis * figures.stroke
     size = sum(int(np.count_nonzero(pick)) for pick in used)
     if loop < max(noise) * find_least_loop(size, model.hysteresis.n):
+        for its in rows:
+            _require_order(its.name, its.u)
         said.append(
             f"no hysteresis: the loop is {loop:.2g} {unit} wide, and {size} rows with this noise "
             "cannot show a narrower one; the model is as good as linear in the drive"
@@ -213,6 +217,24 @@ def _require_smooth(name: str, u: Floats, y: Floats) -> None:
             "drive moves evenly, as with stick-slip or a ferroelectric that switches: no loop "
             "that can be inverted looks like this; look for something that rubs or is loose, or "
             "reduce the drive"
+        )
+
+
+def _require_order(name: str, u: Floats) -> None:
+    """Raise BadRecording if no row of a drive (N,) follows from those before it: where it shows no
+    hysteresis either, the rows are in no order of time."""
+    u = u[~np.isnan(u)]
+    size = float(np.median(np.abs(np.diff(u)))) / float(np.ptp(u))
+    if size < TUNING.small:
+        return
+    before = np.lib.stride_tricks.sliding_window_view(u - u.mean(), ROWS_BEFORE + 1)
+    weights, *_ = np.linalg.lstsq(before[:, :-1], before[:, -1], rcond=None)
+    left = before[:, -1] - before[:, :-1] @ weights
+    if float(left @ left) > TUNING.half * float(before[:, -1] @ before[:, -1]):
+        raise BadRecording(
+            f"{name}: the drive jumps by {size:.0%} of its range from row to row, no row follows "
+            "from those before it, and no hysteresis shows: the rows are in no order of time; sort "
+            "them by time, or record a drive that moves steadily"
         )
 
 
