@@ -204,9 +204,9 @@ def _check_numbers(args: argparse.Namespace) -> None:
 
 def _absolute(port: str) -> str:
     """Return a port's path as the configuration needs it: the same from every working directory,
-    and however the folder is spelled."""
+    and however the folder is spelled. A port that is no file, such as COM3, keeps its name."""
     path = Path(port)
-    return str(path.parent.resolve() / path.name)
+    return str(path.parent.resolve() / path.name) if path.exists() else port
 
 
 def _noted_amplifier(folder: Path) -> str:
