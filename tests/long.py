@@ -78,6 +78,13 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_the_roles_hold",
             "test_what_one_axis_refuses",
         ),
+        "daemon/setup/test_folder.py": ("test_a_folder_is_the_same",),
+        "daemon/terminal/test_dumb.py": (
+            "test_a_terminal_that_cannot_redraw_gets_lines[None]",
+            "test_a_terminal_that_cannot_redraw_gets_lines[]",
+            "test_a_terminal_that_cannot_redraw_gets_lines[unknown]",
+            "test_another_terminal",
+        ),
         "packaging/test_resolve.py": ("test_wheels_for_all",),
     },
     "a further fault of a service that `make test` kills, hangs and unplugs once each": {
@@ -310,6 +317,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         "models/diagnosis/test_growth.py": ("",),
         "models/diagnosis/test_data_first.py": (
+            "test_the_recording_that_alone_shows",
             "test_the_recording_that_a_given_model_misses",
             "test_an_open_input",
         ),

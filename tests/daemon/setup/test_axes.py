@@ -181,7 +181,7 @@ def test_one_file_says_what_is_for_all_axes_and_what_is_an_axis_own(tmp_path: Pa
         assert config.actuator.settings == {"port": "/dev/a", "axis": config.axis}
         assert config.sensor.settings == {"port": f"/dev/{config.axis}"}
         assert (config.limits.max_v, config.loop.rate_hz) == (60.0, 120.0)
-        assert config.model.file == f"stage-{config.axis}.model.toml"
+        assert config.model.file == str(tmp_path / f"stage-{config.axis}.model.toml")
 
 
 @pytest.mark.timing

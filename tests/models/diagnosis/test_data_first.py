@@ -10,6 +10,7 @@ from tests.rigs.diagnosis import diagnose_without_limits
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.data.survey import has_reversals_within_sweeps
+from dehyst.models.identify import identify
 from dehyst.models.physics.registry import list_candidates
 from dehyst.models.physics.sensor import NonlinearSensor
 from dehyst.models.recording import Recording
@@ -241,7 +242,7 @@ def test_the_recording_that_alone_shows_an_effect_belongs_to_the_others() -> Non
     """An amplifier follows 800 V/s, which the steps of the last recording alone exceed; its mount
     wanders a little."""
     given = recordings(plain)
-    model = diagnose_without_limits(given).base_model
+    model = identify(given).model
     rng, rows = np.random.default_rng(7), np.arange(N)
     u = rng.uniform(0.0, 10.0, N // 250)[rows // 250]
     behind = np.empty(N)
