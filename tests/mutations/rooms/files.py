@@ -425,12 +425,6 @@ CHANGES += room(
         "return MODEL_TABLE in file.read(HEAD_BYTES)", "return False",
         "identify refuses to write the model again that an earlier run wrote",
     ),
-    Change(
-        "correction-is-not-continued", "daemon/commands/play.py",
-        "check_outputs(learned, inputs, force=True)",
-        "check_outputs(learned, inputs, args.force)",
-        "play --learned refuses the correction that it should continue",
-    ),
 ) + room(
     ("tests/daemon/commands/test_printed_commands.py",),
     Change(
