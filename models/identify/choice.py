@@ -62,6 +62,10 @@ def make_choice(setup: FitSetup, options: Options, progress: Callable[[str], Non
         if period_s is None:
             return _without_vague_lag(rich, options, progress)
         if rich.best.has_lag and _outlasts_drift(rich, period_s):
+            rich.notes.append(
+                "one rate: the lag or delay may also be a part of the loop's shape; a second "
+                "recording at another rate, or one with an edge, shows which"
+            )
             return rich  # with a lag the stage is dynamic: then its weights may be, too
     shown = Shown(rates=False, lags=lags)
     found = _choose_without_drift(setup, options, progress, shown, drives)

@@ -175,7 +175,7 @@ class Search:
     def outlasts_drift(
         self, found: TriedStructure, tried: Sequence[TriedStructure], period_s: float
     ) -> bool:
-        """Return whether dynamics leave less than a tenth of what every static candidate leaves,
+        """Return whether dynamics remove the larger part of what every static candidate leaves,
         each period of the drive with its own offset. With one period, a drift, or a change of size
         in a stage of another class, looks like a lag or a rate-dependence. Many recordings are
         trusted, as each has its own offset already."""
@@ -187,7 +187,7 @@ class Search:
             return float(trial.score(one.shape, self.setup.strengths[::2]).held.sum())
 
         static = [left(c) for c in tried if c.lag is None and not c.shape.rate]
-        return not static or left(found) < TUNING.minor * min(static)
+        return not static or left(found) < TUNING.half * min(static)
 
     def compare_without_lag(self, found: TriedStructure, tried: Sequence[TriedStructure]) -> float:
         """Return the misfit of a candidate with a lag over that of the best without one, both

@@ -54,13 +54,17 @@ def four_tones() -> Floats:
     return np.asarray(50.0 + 50.0 * u / np.abs(u).max())
 
 
-LARGER = np.asarray(50.0 - 50.0 * (0.1 + 0.9 * T / T[-1]) * np.cos(2 * np.pi * 2.5 * T))
-
-
-@pytest.mark.parametrize("u", [growing(2.5), LARGER, four_tones()])
-def test_a_loop_of_another_class_is_no_lag(u: Floats) -> None:
+def test_a_loop_of_another_class_is_no_lag() -> None:
+    u = four_tones()
     found = identify([Recording(T, u, noisy(bouc_wen(u)), name="a.csv")])
     assert found.model.blocks == ()
+
+
+def test_a_lag_from_loops_of_one_rate_is_doubted() -> None:
+    u = growing(2.5)
+    found = identify([Recording(T, u, noisy(bouc_wen(u)), name="a.csv")])
+    assert found.model.blocks == () or any("may also be a part" in note for note in found.notes)
+    assert any(note.startswith("one rate") for note in found.notes)
 
 
 def test_a_lag_that_explains_what_is_left_stays() -> None:

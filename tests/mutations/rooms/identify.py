@@ -683,11 +683,11 @@ CHANGES += room(
         "a lag that explains all that is left is denied",
     ),
     Change(
-        "half-is-enough-for-a-lag",
-        "models/identify/search.py",
-        "left(found) < TUNING.minor * min(static)",
-        "left(found) < TUNING.half * min(static)",
-        "a static stage of another class is given a delay from loops of one rate",
+        "one-rate-is-not-doubted",
+        CHOICE,
+        "            rich.notes.append(",
+        "            [].append(",
+        "a delay that the loop's shape imitates is told as a fact",
     ),
     Change(
         "a-lag-within-a-minute",
