@@ -10,12 +10,9 @@ import itertools
 import json
 import logging
 import os
-import socket
-import stat
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, wait
-from contextlib import suppress
 from typing import Any, Self
 
 import zenoh
@@ -29,6 +26,7 @@ from dehyst.daemon.bus.encoding import (
 )
 from dehyst.daemon.bus.security import check_address, check_open
 from dehyst.daemon.bus.topics import Topic
+from dehyst.daemon.bus.unread import end_unread_connections
 from dehyst.daemon.closing import Closing
 from dehyst.drivers import system
 from dehyst.models.errors import DehystError
@@ -379,23 +377,3 @@ def _common(longest: int) -> dict[str, Any]:
         "transport/link/tx/lease": 4000,  # a peer that hangs is dropped after 4 s
         "transport/link/tx/queue/size": _QUEUED,
     }
-
-
-def end_unread_connections(after_ms: int) -> None:
-    """Let the kernel end a connection whose other side has read nothing for `after_ms`.
-
-    zenoh writes to a link without a time limit, and closing such a link waits for the write: a few
-    of them block its threads, and thereby all clients. Connections inherit the limit from the
-    listening socket (TCP_USER_TIMEOUT, tcp(7)).
-    """
-    for name in os.listdir("/proc/self/fd"):
-        with suppress(OSError):  # the directory's own descriptor is already closed
-            if stat.S_ISSOCK(os.fstat(int(name)).st_mode):
-                _end_unread(int(name), after_ms)
-
-
-def _end_unread(descriptor: int, after_ms: int) -> None:
-    with socket.socket(fileno=os.dup(descriptor)) as one:
-        inet = one.family in (socket.AF_INET, socket.AF_INET6)
-        if inet and one.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
-            system.end_unread(one, after_ms)

@@ -217,8 +217,7 @@ TEXTS = {
     Note.TRIM_SETTLING: "trim frozen: the reading has jumped, but is plausible, {:.4g} {unit} from "
     "the model; it resumes once the reading is settled",
     Note.TRIM_BEYOND: "trim frozen: gauge and model differ by {:.4g} {unit}, which is "
-    "implausible; "
-    "`dehyst zero` sets the gauge's zero, unless the model is another stage's",
+    "implausible; `dehyst zero` sets the gauge's zero, unless the model is another stage's",
     Note.TRIM_DISTRUSTED: "trim frozen: the mismatch watch does not trust the stage or its gauge",
     Note.ZEROED: "the gauge's zero was moved by {:.6g} {unit}",
     Note.BAD_CORRECTION: "learned correction {:g} {unit} limited to the largest allowed",

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.files.foreign.found import Column
+from dehyst.daemon.files.foreign.roles import BY_WORD, role_of
 from dehyst.daemon.files.foreign.stated_step import SAME_STEP
 from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key, read_heading
 
@@ -45,29 +46,38 @@ def continued(values: Any, clock: bool) -> tuple[Any, list[int]]:
     return values, []
 
 
-def join_clocks(columns: Sequence[Column]) -> Column | None:
-    """Return the times that several columns hold together, such as "Hour", "Min", "Sec", "msec", as
-    one column of seconds; None if the columns hold none."""
+def join_clocks(columns: Sequence[Column]) -> list[Column]:
+    """Return the columns with one, of seconds, in place of several that hold the times together,
+    such as "Hour", "Min", "Sec", "msec"; all as they are if there are none."""
     parts = [
         (c, UNITS[unit][2])
         for c in columns
         if not c.clock and (unit := find_unit_key(c.unit) or read_heading(c.heading).unit)
-        if UNITS[unit][0] == TIME
+        if UNITS[unit][0] == TIME and _is_part_of_a_clock(c.heading)
     ]
     scales = [scale for _, scale in parts]
     if len(parts) < 2 or scales != sorted(set(scales), reverse=True):
-        return None
+        return list(columns)
     values = [np.asarray(c.values, dtype=np.float64) for c, _ in parts]
     for k, v in enumerate(values):
         most = np.inf if k == 0 else scales[k - 1] / scales[k]
         whole = k == len(values) - 1 or bool(np.all(v == np.round(v)))
         if not (whole and np.all((v >= 0.0) & (v < most))):
-            return None
+            return list(columns)
     heading = " + ".join(c.heading for c, _ in parts)
     whole_days = 86400.0 * np.floor(values[0][0] * scales[0] / 86400.0)  # since 1970, perhaps
     values[0] = values[0] - whole_days / scales[0]
     together = np.sum([v * scale for v, scale in zip(values, scales, strict=True)], axis=0)
-    return Column(heading, together, "s", clock=True, number=parts[0][0].number)
+    joined = Column(heading, together, "s", clock=True, number=parts[0][0].number)
+    replaced = {c.number for c, _ in parts}
+    return [joined, *(column for column in columns if column.number not in replaced)]
+
+
+def _is_part_of_a_clock(heading: str) -> bool:
+    """Return whether a heading is a unit of time alone, or names the time: a latency in ms, next to
+    times in whole seconds, is none of their digits."""
+    name = read_heading(heading).name
+    return not name or role_of(name, "") == ("t", BY_WORD)
 
 
 def is_packed_clock(values: Any) -> bool:

@@ -69,7 +69,9 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
     optional. Raises BadRecording listing what is unknown, and the options that supply it."""
     if not found.columns or not len(found.columns[0].values):
         raise BadRecording(f"{name}: holds no column of numbers")
-    columns = _with_one_clock(_without_row_numbers(found.columns, reading), reading)
+    columns = _without_row_numbers(found.columns, reading)
+    if not (reading.rate_hz or "t" in reading.columns):
+        columns = join_clocks(columns)
     asked: list[str] = []
     chosen = choose_columns(name, columns, reading, wants, asked)
     out: dict[str, Floats] = {}
@@ -112,15 +114,6 @@ def _without_row_numbers(columns: Sequence[Column], reading: ReadOptions) -> lis
         if not numbers or len(columns) < 3 or column.number in wanted or column.heading in wanted:
             out.append(column)
     return out
-
-
-def _with_one_clock(columns: Sequence[Column], reading: ReadOptions) -> list[Column]:
-    """Return the columns with one in place of several that hold hours, minutes and so on."""
-    joined = None if reading.rate_hz or "t" in reading.columns else join_clocks(columns)
-    if joined is None:
-        return list(columns)
-    parts = joined.heading.split(" + ")
-    return [joined, *(column for column in columns if column.heading not in parts)]
 
 
 def _unit(column: Column) -> str:

@@ -142,8 +142,7 @@ def require_own_input(
     elif figures.hysteresis < TUNING.trace:
         said.append(
             f"hardly any hysteresis: the loop is {loop:.2g} {unit} wide, "
-            f"{figures.hysteresis:.2%} of the "
-            "stroke; the model is as good as linear in the drive"
+            f"{figures.hysteresis:.2%} of the stroke; the model is as good as linear in the drive"
         )
     return tuple(said)
 

@@ -3,7 +3,7 @@
 import os
 import socket
 
-from dehyst.daemon.bus.session import end_unread_connections
+from dehyst.daemon.bus.unread import end_unread_connections
 
 
 def test_listeners_hand_the_limit_on_and_no_descriptor_is_left_open() -> None:

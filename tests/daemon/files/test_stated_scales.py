@@ -85,6 +85,13 @@ def test_one_time_in_two_units_is_not_joined(tmp_path: Path) -> None:
     assert "which is the time" in asked(path)
 
 
+def test_a_latency_next_to_whole_seconds_is_no_part_of_the_time(tmp_path: Path) -> None:
+    seconds, late = np.arange(N), np.random.default_rng(0).integers(0, 900, N)
+    head = "Time (s),Latency (ms),U (V),Y (um)"
+    found = read(table(tmp_path / "a.csv", head, seconds, late, U, Y))
+    np.testing.assert_array_equal(found.t_s, seconds)
+
+
 def test_hours_minutes_and_seconds_in_one_number_are_asked_for(tmp_path: Path) -> None:
     ms = np.round(1000 * T).astype(int) + 59_000
     packed = 140_700 + 100 * (ms // 60_000) + ms % 60_000 / 1000

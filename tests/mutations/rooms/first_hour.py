@@ -208,7 +208,7 @@ CHANGES = [
             "daemon/client/client.py",
             '" with take_over() or --take-over"',
             '""',
-            "a user who may take over is not told how",
+            "a refusal does not say how to take over",
         ),
     ),
     *room(

@@ -687,7 +687,7 @@ CHANGES += room(
         CHOICE,
         "            rich.notes.append(",
         "            [].append(",
-        "a delay that the loop's shape imitates is told as a fact",
+        "a delay that the loop's shape imitates is reported as a fact",
     ),
     Change(
         "a-lag-within-a-minute",
@@ -701,7 +701,7 @@ CHANGES += room(
         "models/identify/data/rows.py",
         "        rise, fall = slow_rise, slow_fall  # a sawtooth",
         "        pass  # a sawtooth",
-        "half a loop is told as a loop of a quarter of its width",
+        "half a loop is reported as a loop of a quarter of its width",
     ),
     Change(
         "any-order-of-rows",
@@ -729,6 +729,6 @@ CHANGES += room(
         "models/identify/plausibility/own_input.py",
         "    elif figures.hysteresis < TUNING.trace:",
         "    elif False:",
-        "0.00 % hysteresis is told without the word that there is hardly any",
+        "0.00 % hysteresis is reported without a remark",
     ),
 )
