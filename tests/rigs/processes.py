@@ -87,15 +87,16 @@ def one_cpu() -> int:
     return random.choice(sorted(os.sched_getaffinity(0)))
 
 
-def until(condition: Any, seconds: float = 60.0, what: str = "") -> Any:
-    """Poll until the condition's value is true, and return it."""
+def until(condition: Any, seconds: float = 60.0, what: str | Callable[[], str] = "") -> Any:
+    """Poll until the condition's value is true, and return it. what: the words of a failure."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         value = condition()
         if value:
             return value
         time.sleep(0.01)
-    raise AssertionError(f"not within {seconds} s: {what or condition}")
+    words = what() if callable(what) else what
+    raise AssertionError(f"not within {seconds} s: {words or condition}")
 
 
 def simulated_config(

@@ -94,7 +94,7 @@ def test_a_ring_cut_short_in_use_costs_a_restart_at_most(service: Service, name:
         damage(service.folder / "run" / f"{name}.ring", "cut")
 
         def again() -> bool:
-            if "was damaged" in service.words() or "safe state" in service.words():
+            if "was damaged" in service.words() or "core ended" in service.words():
                 return status() is not None and status().core_alive
             return False
 
@@ -104,7 +104,7 @@ def test_a_ring_cut_short_in_use_costs_a_restart_at_most(service: Service, name:
             except DehystError:  # the gateway may have ended too
                 return None
 
-        until(again, 60.0, f"it goes on\n{service.words()}")
+        until(again, 60.0, lambda: f"it goes on\n{service.words()}\n{status()}")
         until(lambda: status() is not None and status().state != "start", 20.0)
         stream = client.stream()
         until(
