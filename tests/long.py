@@ -316,6 +316,11 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_95_of_100_intervals_hold_the_true_value[noise",
         ),
         "models/diagnosis/test_growth.py": ("",),
+        "models/diagnosis/test_beside_the_model.py": (
+            "test_a_drive_held_after",
+            "test_a_shape_beside_an_effect",
+            "test_coupling_through_a_lag[0.012]",
+        ),
         "models/diagnosis/test_data_first.py": (
             "test_the_recording_that_alone_shows",
             "test_the_recording_that_a_given_model_misses",

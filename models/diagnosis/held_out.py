@@ -6,9 +6,13 @@ drive is sampled at a few places again and again: then any block repeats the oth
 weights follow from the other rows, the model is written from them as it is at the end, and
 simulated on the rows that were left out. Nonlinear parameters stay: a handful against thousands of
 rows.
+
+A model describes the stage as it is at the end of the last recording. An effect that began within a
+recording and is still there at the end is written as one that is there all the time, and the models
+are judged on what was recorded while it was there.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -39,7 +43,7 @@ class WritableFit:
         data, fit = self.problem.data, self.fit
         return tuple(
             e.candidate.key
-            for e, a in zip(fit.effects, fit.amplitudes, strict=True)
+            for e, a in zip(_as_at_the_end(fit.effects, data), fit.amplitudes, strict=True)
             if e.blocks(a, data)
         )
 
@@ -49,11 +53,11 @@ class WritableFit:
 
     def write(self) -> Model:
         """Return the model fitted to all rows."""
-        return build_augmented_model(self.problem, self.fit)
+        return _write(self.problem, self.fit)
 
     def write_without(self, here: Bools) -> Model:
         """Return the model with the linear weights fitted to the rows outside `here` (N,)."""
-        return build_augmented_model(self.problem, _fit_without(self.problem, self.fit, here))
+        return _write(self.problem, _fit_without(self.problem, self.fit, here))
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,7 @@ class Refitted(WritableFit):
         )
         diagnosed = DiagnosedModel(plain, carries=True)
         over = Problem(replace(data, rows=rows), no_base(data), diagnosed)
-        return build_augmented_model(over, over.solve(fit.effects))
+        return _write(over, over.solve(fit.effects))
 
 
 class HeldOutErrors(NamedTuple):
@@ -127,16 +131,47 @@ class HeldOutGroups:
 
 
 def make_held_out_groups(
-    problem: Problem, drive: Floats, of_recordings: bool = False
+    problem: Problem,
+    drive: Floats,
+    of_recordings: bool = False,
+    effects: Sequence[Effect] = (),
 ) -> HeldOutGroups:
     """Return the groups of a problem. drive: (N,) as it was recorded, on which models are
-    simulated; of_recordings: each recording is a group, however few there are."""
+    simulated; of_recordings: each recording is a group, however few there are; effects: the errors
+    are those on the rows at which all of these are there that are there at the end."""
     data = problem.data
-    many = len(data.names) >= TUNING.few
-    repeats = len(data.names) > 1 and problem.has_few_distinct_places
+    data = replace(data, rows=data.rows & in_the_last_state(effects, data))
+    shown = np.unique(data.rec[data.rows]).size
+    many = shown >= TUNING.few
+    repeats = shown > 1 and problem.has_few_distinct_places
     of = data.rec if of_recordings or many or repeats else data.block
     groups = tuple(of == g for g in np.unique(of[data.rows]))
     return HeldOutGroups(replace(data, u=drive), groups)
+
+
+def _write(problem: Problem, fit: JointFit) -> Model:
+    """Return a fit as a model of the stage as it is at the end of the last recording."""
+    effects = _as_at_the_end(fit.effects, problem.data)
+    return build_augmented_model(problem, replace(fit, effects=effects))
+
+
+def _as_at_the_end(effects: Sequence[Effect], data: Data) -> tuple[Effect, ...]:
+    """Return the effects, those that are there at the end of the last recording as if they were
+    there all the time."""
+    return tuple(
+        replace(e, span=None) if e.span is not None and e.span.rows(data)[-1] else e
+        for e in effects
+    )
+
+
+def in_the_last_state(effects: Sequence[Effect], data: Data) -> Bools:
+    """Return (N,) the samples at which every effect is there that is there at the end of the last
+    recording."""
+    out = np.ones(data.n, dtype=bool)
+    for span in (e.span for e in effects):
+        if span is not None and span.rows(data)[-1]:
+            out &= span.rows(data)
+    return out
 
 
 def _fit_without(problem: Problem, fit: JointFit, here: Bools) -> JointFit:

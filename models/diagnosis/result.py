@@ -118,7 +118,8 @@ class Limit:
 @dataclass(frozen=True)
 class FitView:
     """One recording for pictures; arrays (M,). base: the model in use; augmented: the augmented
-    model; each as simulated, less its mean error; counted: samples that count."""
+    model; each as simulated, less its mean error; counted: samples that count; now: those of them
+    at which the stage was as the augmented model describes it, after what began meanwhile."""
 
     name: str
     t_s: Floats
@@ -127,6 +128,7 @@ class FitView:
     base: Floats
     augmented: Floats
     counted: Bools
+    now: Bools
 
 
 @dataclass(frozen=True)
@@ -155,11 +157,12 @@ class Diagnosis:
 
     @property
     def before_after(self) -> tuple[float, float]:
-        """Rms error of the model in use and of the augmented model, over all samples that count."""
-        total = sum(int(v.counted.sum()) for v in self.views)
+        """Rms error of the model in use and of the augmented model, over all samples that count and
+        at which the stage was as it is now."""
+        total = sum(int(v.now.sum()) for v in self.views)
         return tuple(  # type: ignore[return-value]
             math.sqrt(
-                sum(float((((v.displacement - y(v))[v.counted]) ** 2).sum()) for v in self.views)
+                sum(float((((v.displacement - y(v))[v.now]) ** 2).sum()) for v in self.views)
                 / max(total, 1)
             )
             for y in (lambda v: v.base, lambda v: v.augmented)

@@ -91,7 +91,7 @@ def is_better_search(other: SearchState, state: SearchState, left: float) -> boo
 
 
 def _forward(state: SearchState, say: Progress, forbidden: Sequence[str]) -> SearchState:
-    everything = list_eligible(state.problem.data, state.share, forbidden)
+    everything = list_eligible(state.problem, state.share, forbidden)
     for number in range(TUNING.max_effects):
         if state.problem.solution_count > TUNING.budget:
             break
@@ -107,7 +107,7 @@ def search_one_more(
 ) -> SearchState:
     """Search one more round from a state's accepted effects. shortlist: candidates that get the
     full refit; more: candidates in addition to the library's."""
-    everything = [*list_eligible(state.problem.data, state.share, ()), *more]
+    everything = [*list_eligible(state.problem, state.share, ()), *more]
     return _run_round(state, everything, shortlist, lambda text, share: None, 0)
 
 
@@ -246,14 +246,14 @@ def refine_fit(
     n = int(problem.data.rows.sum())
     fit = _with_more_parts(problem, sigma, fit, chosen)
     for finer in everything:
-        if finer.refines != chosen.key:
+        if chosen.key not in finer.refines:
             continue
         effect = effect_of(fit, chosen.key)
         rest = [e for e in fit.effects if e is not effect]
         theta = finer.refined_start(effect.theta)
         trial = problem.refit([*rest, Effect(finer, theta)], start=fit)
         if fit.sse - trial.sse > max(n * (TUNING.visible * sigma) ** 2, TUNING.price * sigma**2):
-            fit = trial
+            fit, chosen = trial, finer
     return fit
 
 

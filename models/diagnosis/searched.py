@@ -4,7 +4,7 @@ little was recorded, and estimates the noise from its own residual."""
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from dehyst.models.diagnosis.base import compact_base
+from dehyst.models.diagnosis.base import compact_base, no_base
 from dehyst.models.diagnosis.data.noise import noise_rms
 from dehyst.models.diagnosis.data.survey import (
     BUTTERFLY_WARNING,
@@ -60,6 +60,7 @@ class Searched:
 def look_for_causes(search_problem: SearchProblem, say: Progress) -> Searched:
     """Find the effects: by the search, and as recordings show them directly."""
     result, heads = _search_with_heads(search_problem, say)
+    result = _without_base_if_as_good(result, say)
     spanned = with_span(result.search)
     if spanned is not result.search:
         result = SearchResult(spanned, spanned)
@@ -112,6 +113,33 @@ def _search_with_heads(
     # candidates that were passed over in a near-tie stay rivals
     rounds = (*found.search.rounds, *(first.rounds if first.passed_over else ()))
     return replace(found, search=replace(found.search, rounds=rounds)), heads
+
+
+def _without_base_if_as_good(result: SearchResult, say: Progress) -> SearchResult:
+    """Return what is found over a given model without a base, if that leaves little but noise and
+    predicts held-out samples as well. A base that is free to bend takes over part of an effect,
+    such as the fast part of creep, and what it took is then reported as a shape."""
+    found = result.search
+    problem = found.problem
+    if not problem.diagnosed.given or not problem.base.width or problem.has_few_distinct_moments:
+        return result
+    alone = replace(
+        problem,
+        base=no_base(problem.data),
+        diagnosed=replace(problem.diagnosed, carries=True),
+    )
+    start = SearchStart(alone, alone.solve([]), found.sigma)
+    other = _find_known(start, say, ()).search
+    if not other.accepted.effects:
+        return result
+    noise = found.sigma**2
+    with_base = blockwise_held_out_error(problem, found.accepted) - noise
+    without = blockwise_held_out_error(alone, other.accepted) - noise
+    most = with_base + TUNING.clear**2 * noise
+    if any(e.candidate.slow for e in other.accepted.effects):  # fits a part of any change in time
+        most = TUNING.half * with_base
+    as_good = without < min(most, TUNING.strong**2 * noise)
+    return replace(result, search=other) if as_good else result
 
 
 def switch_model_under_base(problem: Problem, found: SearchState) -> Problem:
@@ -248,10 +276,23 @@ def _fed_otherwise(found: SearchState) -> SearchState:
     ahead_s = 0.5 * problem.data.period * (1.0 if stepped else -1.0)
     other = problem.with_zero_order_hold(stepped)
     moved = [replace(e, theta=e.candidate.after(ahead_s, e.theta)) for e in effects]
-    fit = other.refit(moved, rounds=8, settle=0.3 * sigma**2)
+    forms = [moved, _with_hold(problem.data, moved)] if stepped else [moved]
+    fits = [other.refit(form, rounds=8, settle=0.3 * sigma**2) for form in forms if form]
+    fit = min(fits, key=lambda one: one.sse)
     if fit.sse > found.accepted.sse - TUNING.price * sigma**2:
         return found
     return replace(found, problem=other, accepted=fit)
+
+
+def _with_hold(data: Data, effects: Sequence[Effect]) -> list[Effect]:
+    """Return the effects with a delay of one sample in place of what else is late: a drive that is
+    held after its sample is one sample behind one that is held until then. Empty where a delay is
+    known."""
+    (delay,) = (c for c in list_candidates(data) if c.after(data.period, (0.0,)) != (0.0,))
+    on_time = [e for e in effects if not e.candidate.late]
+    if not on_time or any(e.candidate.key == delay.key for e in effects):
+        return []
+    return [*on_time, Effect(delay, (data.period,))]
 
 
 def _accept(found: SearchState, seen: Effect) -> SearchState:

@@ -12,11 +12,11 @@ from dehyst.models.diagnosis.judge import SearchState, least_size
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate
-from dehyst.models.signals.joined import Data
 
 
-def list_eligible(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]:
+def list_eligible(problem: Problem, share: float, forbidden: Sequence[str]) -> list[Candidate]:
     """Return the candidates that may be tried."""
+    data = problem.data
     strict = share > TUNING.minor
     few = has_few_turns(data)
     return [
@@ -24,6 +24,7 @@ def list_eligible(data: Data, share: float, forbidden: Sequence[str]) -> list[Ca
         for c in list_candidates(data)
         if c.key not in forbidden
         and not (strict and c.static)
+        and not (c.beside_model and problem.base.width)
         and (not few or can_be_distinguished(c, data))
     ]
 
@@ -33,13 +34,13 @@ def list_remaining(
 ) -> list[Candidate]:
     """Return the candidates that may be added next to a fit's effects."""
     # an effect in its finer form covers the simpler one too
-    have = {k for e in current.effects for k in (e.candidate.key, e.candidate.refines)}
+    have = {k for e in current.effects for k in (e.candidate.key, *e.candidate.refines)}
     late = problem.has_few_distinct_moments and any(e.candidate.late for e in current.effects)
     return [
         c
         for c in everything
         if c.key not in have
-        and not c.refines
+        and (not c.refines or (c.alone and have.isdisjoint(c.refines)))
         and not (late and c.late)
         and _next_of_its_kind(c, have)
     ]

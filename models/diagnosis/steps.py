@@ -22,6 +22,7 @@ from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.findings.repeated_search import RepeatedSearch
 from dehyst.models.diagnosis.findings.reported import is_narrow
 from dehyst.models.diagnosis.findings.shape import mark_not_contained
+from dehyst.models.diagnosis.held_out import in_the_last_state
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState
 from dehyst.models.diagnosis.result import Diagnosis, Finding, FitView, Progress, Value
 from dehyst.models.diagnosis.search_problem import Prepared, choose_base, join_recordings
@@ -121,7 +122,9 @@ def _report(
         findings = with_sighting(findings, candidate, sighting)
     model = with_rows_early(written.model, whole)
     base_model = diagnosed.model if diagnosed.given else with_rows_early(diagnosed.model, whole)
-    views = tuple(_views(whole, recordings, (base_model, model)))
+    lasting = [e for e in found.accepted.effects if e.candidate.key in written.contains]
+    now = in_the_last_state(lasting, whole)
+    views = tuple(_views(whole, recordings, (base_model, model), now))
     rms: dict[str, Any] = {
         "model": {v.name: finite_rms((v.displacement - v.base)[v.counted]) for v in views},
         "augmented": {v.name: finite_rms((v.displacement - v.augmented)[v.counted]) for v in views},
@@ -196,17 +199,21 @@ def _describe_trial(t: CandidateTrial, n: int) -> str:
     return text + (f" ({t.refused})" if t.refused else "")
 
 
-def _views(data: Data, recordings: Sequence[Recording], models: Sequence[Model]) -> list[FitView]:
+def _views(
+    data: Data, recordings: Sequence[Recording], models: Sequence[Model], now: Bools
+) -> list[FitView]:
     """Return each recording with the predictions of the model in use and of the written model,
     simulated on the recording as it is: rows without a channel that a model reads do not count.
-    data: all samples."""
+    data: all samples; now: (N,) those at which the stage was as the written model describes it."""
     out = []
     for i, one in enumerate(recordings):
         k = (data.rec == i) & (data.raw_index >= 0)
         said = [replay_recording(m, one).predicted[data.raw_index[k]] for m in models]
         y, counted = data.y[k], data.rows[k] & np.isfinite(said).all(axis=0)
         base, full = (x + _level(y - x, counted) for x in said)
-        out.append(FitView(one.name, data.t[k], data.u[k], y, base, full, counted))
+        out.append(
+            FitView(one.name, data.t[k], data.u[k], y, base, full, counted, counted & now[k])
+        )
     return out
 
 

@@ -88,7 +88,7 @@ def choose_written_model(
         problem = replace(problem, data=replace(problem.data, between=None))
         final = problem.refit(final.effects)
     bare = replace(bare, data=replace(bare.data, between=None, stepped=problem.data.stepped))
-    held_out = make_held_out_groups(problem, bare.data.u)
+    held_out = make_held_out_groups(problem, bare.data.u, effects=final.effects)
     in_use_model = bare.diagnosed.model
     in_use = held_out.held_out_errors(lambda here: in_use_model)
     best, chosen = WrittenModel(in_use_model, in_use, in_use), None
@@ -128,7 +128,7 @@ def choose_written_model(
             break
     # what began before a recording is another in each, which blocks of time left out do not show
     if chosen is not None and len(data.names) == 2 and any(e.candidate.past for e in final.effects):
-        each = make_held_out_groups(problem, bare.data.u, of_recordings=True)
+        each = make_held_out_groups(problem, bare.data.u, True, final.effects)
         try:
             best = replace(best, alone=each.held_out_errors(chosen.write_without).mean_square)
         except BadModel:  # a parameter value that the model format does not allow

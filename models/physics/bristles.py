@@ -29,12 +29,13 @@ from dehyst.models.physics.kind import Kind, Param, Subtracted, head_record
 from dehyst.models.signals.error_size import rms
 from dehyst.models.signals.joined import Bools, Data, Floats
 
-PACKED = fields("length", "stribeck", "excess", "sliding", "gain", "viscous")
+PACKED = fields("length", "stribeck", "excess", "sliding", "gain", "viscous", "fastest")
 STATE = fields("x", "z")  # previous path, bristles
 EXCESS = 0.5
 """e, the additional friction at rest relative to that at high speed: 1.5 to 1 in the paper's table.
 Recordings determine only the product a e: friction that does not depend on speed cannot be
 distinguished from the hysteresis."""
+ANY_SPEED = 1e12
 LEADS = 0.2
 """The viscous part may be negative, owing to noise, by up to this fraction of the speed-dependent
 bristle part, rms."""
@@ -63,7 +64,7 @@ def step(
     v = dx / dt if dt > 0.0 else 0.0
     s.z = bend(s.z, dx, v, p.length, p.stribeck, p.excess)
     s.x = p.gain * x
-    return -p.sliding * s.z - p.viscous * v
+    return -p.sliding * s.z - p.viscous * min(max(v, -p.fastest), p.fastest)
 
 
 def _start(p: Floats, s: Floats, x: float) -> None:
@@ -82,6 +83,15 @@ KIND = Kind(
         Param("sliding_{y}", "sliding", "", -1e9, 1e9, "friction at high speed"),
         Param("gain_{y}_per_{u}", "gain", "", -1e9, 1e9, "path by the drive"),
         Param("viscous_s", "viscous", "s", -1e3, 1e3, "by the speed", default=(0.0,)),
+        Param(
+            "fastest_{y}_per_s",
+            "fastest",
+            "/s",
+            0.0,
+            ANY_SPEED,
+            "fastest speed recorded: above it the viscous part stays as it is",
+            default=(ANY_SPEED,),
+        ),
     ),
     packed=PACKED,
     state=STATE,
@@ -108,7 +118,8 @@ class Friction(Candidate):
     def __init__(self, data: Data) -> None:
         stroke = self._stroke = float(np.ptp(data.y))
         self._gain = stroke / data.span
-        fastest = max(self._gain * float(np.abs(_speeds(data)).max()), 0.2 * stroke)
+        self._fastest = self._gain * float(np.abs(_speeds(data)).max())
+        fastest = max(self._fastest, 0.2 * stroke)
         self.parameters = (
             Parameter("length_um", data.unit, 5e-4 * stroke, 0.3 * stroke),
             Parameter("stribeck_um_per_s", f"{data.unit}/s", 0.02 * stroke, fastest),
@@ -143,6 +154,7 @@ class Friction(Candidate):
             f"sliding_{data.unit}": float(amplitudes[0]),
             f"gain_{data.unit}_per_{data.drive_unit}": self._gain,
             "viscous_s": float(amplitudes[1]),
+            f"fastest_{data.unit}_per_s": self._fastest,
         }
         return (Block("bristles", "stage", params),)
 

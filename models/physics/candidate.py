@@ -105,7 +105,10 @@ class Candidate:
     mode: str = "columns"  # or "drive", "output"
     parameters: tuple[Parameter, ...] = ()
     channel: str = ""
-    refines: str = ""  # key of the simpler candidate that this one extends
+    refines: tuple[str, ...] = ()  # keys of the simpler candidates that this one extends
+    alone: bool = False  # one that refines another is tried even if the simpler one promises little
+    beside_model: bool = False  # tried only where a given model stands without a base: a base would
+    # absorb it, or leave what it imitates
     size_index: int | None = None  # parameter to which the effect is roughly proportional
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:

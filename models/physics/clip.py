@@ -45,6 +45,8 @@ KIND = Kind(
 
 DEEPEST = (0.35, 0.6)  # largest fraction of the range cut off at the lower and the upper end
 REACHED = 0.002  # smallest fraction of the range that a limit cuts off
+STANDS = 0.5  # largest travel per drive beyond a limit, of that elsewhere: a stage gives about 0
+# there, and 1 where a limit that is none only bends the loop
 
 
 class Clip(Candidate):
@@ -68,6 +70,7 @@ class Clip(Candidate):
         self.limit_unit = data.drive_unit
         low, high = data.u_min, data.u_min + data.span
         self._low, self._high, span = low, high, data.span
+        self._data = data
         beyond, (up, down) = 0.05 * span, (DEEPEST[0] * span, DEEPEST[1] * span)
         self.parameters = (
             Parameter("min_v", data.drive_unit, low - beyond, low + up, False),
@@ -95,11 +98,29 @@ class Clip(Candidate):
         return out
 
     def _ends(self, theta: Sequence[float]) -> tuple[float, float]:
-        """Return both limits; one that is hardly reached is none, and lies far outside."""
+        """Return both limits; one that is none lies far outside: one that is hardly reached, or
+        beyond which the reading follows the drive, while it stands still beyond the other."""
         span = self._high - self._low
-        low = float(theta[0]) if theta[0] > self._low + REACHED * span else self._low - span
-        high = float(theta[1]) if theta[1] < self._high - REACHED * span else self._high + span
-        return low, high
+        low, high = float(theta[0]), float(theta[1])
+        is_low, is_high = low > self._low + REACHED * span, high < self._high - REACHED * span
+        if is_low and is_high:
+            below, above = self._stands_beyond(low, -1.0), self._stands_beyond(high, 1.0)
+            if below != above:
+                is_low, is_high = below, above
+        return low if is_low else self._low - span, high if is_high else self._high + span
+
+    def _stands_beyond(self, limit: float, way: float) -> bool:
+        """Return whether the reading stands still while the drive moves away from its range beyond
+        a limit. Moves back do not count: after a turn a hysteresis may stand still. way: 1 above,
+        -1 below."""
+        u = way * self._data.u
+        du, dy = np.diff(u), np.diff(self._data.y)
+        outward = (du > 0.0) & ~self._data.starts[1:]
+        beyond = outward & (u[:-1] > way * limit)
+        if not beyond.any():
+            return False
+        there, elsewhere = (dy[k].sum() / du[k].sum() for k in (beyond, outward & ~beyond))
+        return bool(abs(there) < STANDS * abs(elsewhere))
 
     def probes(self, data: Data) -> list[Probe]:
         span = self._high - self._low

@@ -139,6 +139,7 @@ KINDS = (
     ),
 )
 
+LAGS = 12  # time constants to start from: each 1.7 times the one before
 FRACTIONS = np.array([0.0, 0.03, 0.1, 0.2, 0.35])  # widths of the plays, of the channel's range
 
 
@@ -147,6 +148,25 @@ def coupled(unit: str, gain: float, reference: float, channel: str) -> Block:
     return Block(
         "coupling", "stage", {f"gain_{unit}_per_unit": gain, "reference": reference}, channel
     )
+
+
+def with_plays(
+    unit: str,
+    widths: Sequence[float] | Floats,
+    gains: Sequence[float] | Floats,
+    tau_s: float,
+    scale: float,
+    reference: float,
+) -> dict[str, float | tuple[float, ...]]:
+    """Return the parameters of the block that adds sum_i g_i H_i(c), c after a lag. widths: of the
+    plays, in the channel's unit; gains: [unit] for each change of the channel by `scale`."""
+    return {
+        "thresholds": tuple(float(r) for r in widths),
+        f"gains_{unit}": tuple(float(g) for g in gains),
+        "tau_s": tau_s,
+        "scale": scale,
+        "reference": reference,
+    }
 
 
 class Coupling(Candidate):
@@ -190,6 +210,50 @@ class Coupling(Candidate):
         return f"{self.whose} moves this reading by {gain}: the axes are not decoupled."
 
 
+class CoupledLag(Coupling):
+    """Coupling through a first-order lag: of the other amplifier, or of the gauge that reads both
+    motions."""
+
+    equation = "y(t) = f(u) + g c, c after a lag"
+    order = 61
+    alone = True
+
+    def __init__(self, data: Data, channel: str, reference: float) -> None:
+        super().__init__(channel, reference, data.unit, data.drive_unit)
+        self.key = f"coupledlag-{channel}"
+        self.refines = (f"coupling-{channel}",)
+        self.title = f"Coupling from {channel} through a lag"
+        self.parameters = (Parameter("tau_s", "s", 0.3 * data.period, 300 * data.period),)
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        p = self.parameters[0]
+        return [(float(tau),) for tau in np.geomspace(2 * p.low, 0.5 * p.high, LAGS)]
+
+    def refined_start(self, theta: Sequence[float]) -> tuple[float, ...]:
+        return (self.parameters[0].low * 7,)
+
+    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
+        c = super().columns(data, context, theta)
+        return lowpass(c, data.dt / theta[0], data.starts)
+
+    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        return super().values(theta, amplitudes) | {"tau_s": (float(theta[0]), "s")}
+
+    def probes(self, data: Data) -> list[Probe]:
+        return []
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        params = with_plays(data.unit, (0.0,), amplitudes, float(theta[0]), 1.0, self.reference)
+        return (Block("coupled_memory", "stage", params, self.channel),)
+
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
+        gain, lag = format_length(values["gain_um_per_unit"]), 1e3 * values["tau_s"][0]
+        return (
+            f"{self.whose} moves this reading by {gain}, after a lag of {lag:.3g} ms: the axes are "
+            "not decoupled."
+        )
+
+
 class CoupledMemory(Coupling):
     """Coupling from an axis with a lag and hysteresis of its own: plays on its drive."""
 
@@ -200,12 +264,12 @@ class CoupledMemory(Coupling):
     def __init__(self, data: Data, channel: str, reference: float) -> None:
         super().__init__(channel, reference, data.unit, data.drive_unit)
         self.key = f"coupling2-{channel}"
-        self.refines = f"coupling-{channel}"
+        self.refines = (f"coupling-{channel}", f"coupledlag-{channel}")
         self.scale = float(np.ptp(data.channels[channel]))
         self.parameters = (Parameter("tau_s", "s", 0.1 * data.period, 300 * data.period),)
 
     def refined_start(self, theta: Sequence[float]) -> tuple[float, ...]:
-        return (self.parameters[0].low * 20,)
+        return tuple(theta) or (self.parameters[0].low * 20,)
 
     def probes(self, data: Data) -> list[Probe]:
         return []
@@ -223,13 +287,10 @@ class CoupledMemory(Coupling):
         }
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        params: dict[str, float | tuple[float, ...]] = {
-            "thresholds": tuple(float(r) for r in FRACTIONS * self.scale),
-            f"gains_{data.unit}": tuple(float(a) for a in amplitudes),
-            "tau_s": float(theta[0]),
-            "scale": self.scale,
-            "reference": self.reference,
-        }
+        params = with_plays(
+            data.unit, FRACTIONS * self.scale, amplitudes, float(theta[0]), self.scale,
+            self.reference,
+        )  # fmt: skip
         return (Block("coupled_memory", "stage", params, self.channel),)
 
 
@@ -239,6 +300,7 @@ def _candidates(data: Data) -> list[Candidate]:
         reference = float(data.channels[c].mean())
         out += [
             Coupling(c, reference, data.unit, data.drive_unit),
+            CoupledLag(data, c, reference),
             CoupledMemory(data, c, reference),
         ]
     return out

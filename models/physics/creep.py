@@ -6,9 +6,10 @@ per decade, with a common gain (log-type creep; H. Jung, D.-G. Gweon, Rev. Sci. 
     y = x + (g / 3) sum_j [q_j - m_j x],   tau_j dq_j/dt + q_j = x,   m_j = 1 - exp(-0.1 s / tau_j)
 
 (g / 3 holds for exactly three per decade; since their number is rounded, the weight is adjusted.)
-Through the m_j, y0 is the output 0.1 s after a step. The operator is exact for an input that is
-linear between the samples. In a recording under feedback, where the reading is held constant, creep
-is measured from the drive (`dehyst.models.signals.holds`).
+Through the m_j, y0 is the output 0.1 s after a step; this time is a parameter, 0 where creep adds
+to a model that has none of it. The operator is exact for an input that is linear between the
+samples. In a recording under feedback, where the reading is held constant, creep is measured from
+the drive (`dehyst.models.signals.holds`).
 """
 
 import math
@@ -39,7 +40,9 @@ other laws of creep (tests/benchmarks/models/proof: the gain of log10(1 + t / 0.
 14 % too low)."""
 
 
-def _relaxations_of(gain: float, tau_min: float, tau_max: float) -> tuple[float, float, Floats]:
+def _relaxations_of(
+    gain: float, tau_min: float, tau_max: float, reference_s: float
+) -> tuple[float, float, Floats]:
     """Return the weight of each relaxation, the sum of the m_j, and the time constants (n,). The
     sum of the weights is continuous where the number of relaxations changes by one."""
     decades = math.log10(tau_max / tau_min)
@@ -47,7 +50,7 @@ def _relaxations_of(gain: float, tau_min: float, tau_max: float) -> tuple[float,
     taus = np.geomspace(tau_min, tau_max, n)
     return (
         gain * (decades + 1.0 / PER_DECADE) / n,
-        float(np.sum(1.0 - np.exp(-REFERENCE_S / taus))),
+        float(np.sum(1.0 - np.exp(-reference_s / taus))),
         taus,
     )
 
@@ -110,7 +113,9 @@ def solve(
 
 
 def _pack(values: Values, dt: float) -> Floats:
-    third, mean, taus = _relaxations_of(*(values[k][0] for k in ("gain", "tau_min", "tau_max")))
+    keys = ("gain", "tau_min", "tau_max", "reference")
+    gain, tau_min, tau_max, reference_s = (float(values[k][0]) for k in keys)
+    third, mean, taus = _relaxations_of(gain, tau_min, tau_max, reference_s)
     return np.concatenate([[third, mean], taus])
 
 
@@ -133,6 +138,15 @@ KIND = Kind(
         Param("gain_per_decade", "gain", "1/decade", -0.2, 0.5, "growth per decade of time"),
         Param("tau_min_s", "tau_min", "s", 1e-6, 1e7, "shortest time constant"),
         Param("tau_max_s", "tau_max", "s", 1e-6, 1e7, "longest time constant"),
+        Param(
+            "reference_s",
+            "reference",
+            "s",
+            0.0,
+            1e3,
+            "time after a step at which the output is as without creep",
+            default=(REFERENCE_S,),
+        ),
     ),
     packed=PACKED,
     state=STATE,
@@ -160,6 +174,7 @@ class Creep(Candidate):
     lasting = True
     limit_unit = "1/decade"
     size_index = 0
+    reference_s = REFERENCE_S
 
     def __init__(self, data: Data) -> None:
         longest = max(float(data.t.max() - data.t.min()), 50 * data.period)
@@ -175,7 +190,8 @@ class Creep(Candidate):
         return [(0.01, max(f * self._longest, 10 * data.period), long) for f in (0.003, 0.02, 0.08)]
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
-        third, mean, taus = _relaxations_of(*theta)
+        gain, tau_min, tau_max = theta
+        third, mean, taus = _relaxations_of(gain, tau_min, tau_max, self.reference_s)
         return add_relaxation(x, taus, data.dt, data.starts, third, mean)
 
     def find_sighting(self, data: Data, sigma: float) -> Sighting | None:
@@ -199,7 +215,12 @@ class Creep(Candidate):
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         keys = ("gain_per_decade", "tau_min_s", "tau_max_s")
-        return (Block("creep", "stage", {k: float(v) for k, v in zip(keys, theta, strict=True)}),)
+        params: dict[str, float | tuple[float, ...]] = {
+            k: float(v) for k, v in zip(keys, theta, strict=True)
+        }
+        if self.reference_s != REFERENCE_S:
+            params["reference_s"] = self.reference_s
+        return (Block("creep", "stage", params),)
 
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         g = values["gain_per_decade"][0]
@@ -209,18 +230,40 @@ class Creep(Candidate):
         )
 
 
+class CreepFromStart(Creep):
+    """Creep that adds to a model that was identified without any: all of it counts, not only what
+    follows after 0.1 s."""
+
+    key = "creep-from-start"
+    refines = ("creep",)
+    beside_model = True
+    reference_s = 0.0
+
+    def probes(self, data: Data) -> list[Probe]:
+        return []
+
+    def find_sighting(self, data: Data, sigma: float) -> Sighting | None:
+        return None
+
+
 def _variants(s: Scales) -> list[Block]:
     long = 3 * s.seconds
     return [
         Block("creep", "stage", {"gain_per_decade": 0.015, "tau_min_s": a, "tau_max_s": long})
         for a in (0.1, 20 * s.period_s, 0.5)
+    ] + [
+        Block(
+            "creep",
+            "stage",
+            {"gain_per_decade": 0.015, "tau_min_s": 0.1, "tau_max_s": long, "reference_s": 0.0},
+        )
     ]
 
 
 PHYSICS = Physics(
     name="creep",
     kinds=(KIND,),
-    candidates=lambda data: [Creep(data)],
+    candidates=lambda data: [Creep(data), CreepFromStart(data)],
     specimens={"creep": Specimen(_variants)},
     distinguished_by={"drift": "holds of ten seconds, approached from above and from below"},
 )

@@ -180,7 +180,7 @@ class SlowDrift(Drift):
     def __init__(self, data: Data, channel: str) -> None:
         super().__init__(data, channel)
         self.key = f"drift2-{channel}"
-        self.refines = f"drift-{channel}"
+        self.refines = (f"drift-{channel}",)
         longest = float(data.t.max() - data.t.min())
         self.parameters = (Parameter("tau_s", "s", 5 * data.period, 2.0 * longest),)
 

@@ -98,7 +98,7 @@ class Lag(Candidate):
         self.poles = poles
         self.mode = "drive" if place == "drive" else "output"
         self.key = f"lag-{place}" if poles == 1 else f"lag{poles}-{place}"
-        self.refines = "" if poles == 1 else f"lag-{place}"
+        self.refines = () if poles == 1 else (f"lag-{place}",)
         self.contains = () if poles == 1 else ("lag",)
         self.order = 3 if place == "drive" else 40
         self.title = "Lag of the amplifier" if place == "drive" else "Lag of the sensor"

@@ -73,8 +73,7 @@ class Trend(Candidate):
 
     def __init__(self, data: Data) -> None:
         self._unit = data.unit
-        names = range(len(data.names))
-        self._lengths = np.array([float(np.ptp(data.t[data.rec == i])) for i in names])
+        self._lengths = _lengths(data)
         self._longest = float(data.t.max() - data.t.min())
         low, high = 0.05 * self._longest, 20.0 * self._longest
         self.parameters = one_per_recording(data, Parameter("tau_s", "s", low, high))
@@ -118,6 +117,66 @@ class Trend(Candidate):
         return ""
 
 
+WAVES = 8  # half waves in a recording, at most: the slowest changes, which a warm room makes
+
+
+class Wander(Trend):
+    """y + sum_k a_k cos(pi k t / T), separate in each recording of length T: a zero that wanders,
+    as in a room whose temperature nobody recorded. It predicts no other recording and is not
+    written."""
+
+    key = "drift-wander"
+    refines = ("drift-trend",)
+    alone = True
+    beside_model = True
+    title = "A zero that wanders"
+    equation = "y(t) = f(u) + sum_k a_k cos(pi k t / T)"
+    parameters = ()
+    minima = 1
+
+    def __init__(self, data: Data) -> None:
+        self._unit = data.unit
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        return [()]
+
+    def refined_start(self, theta: Sequence[float]) -> tuple[float, ...]:
+        return ()
+
+    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
+        phase = np.pi * (data.t - _begins(data)) / _lengths(data)[data.rec]
+        waves = [split_by_recording(data, np.cos(k * phase)) for k in range(1, WAVES + 1)]
+        return np.concatenate(waves, axis=1)
+
+    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        size = float(np.sqrt(0.5 * np.sum(amplitudes**2) * WAVES / amplitudes.size))
+        return {"wander_rms_um": (size, self._unit)}
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        return ()
+
+    def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
+        return (
+            f"The zero wanders by {format_length(values['wander_rms_um'])} rms, independent of the "
+            "drive: let the room settle, and record a temperature."
+        )
+
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        rise = float(np.abs(amplitudes).max())
+        return "a drift of more than a third of the stroke" if rise > 0.3 * np.ptp(data.y) else ""
+
+
+def _begins(data: Data) -> Floats:
+    """Return (N,) the time at which the recording of each sample begins."""
+    begins = [data.t[data.rec == i].min() for i in range(len(data.names))]
+    return np.array(begins)[data.rec]
+
+
+def _lengths(data: Data) -> Floats:
+    """Return (k,) the length of each recording [s]."""
+    return np.array([float(np.ptp(data.t[data.rec == i])) for i in range(len(data.names))])
+
+
 def _settling(data: Data, theta: Sequence[float]) -> Floats:
     """Return (N, k) columns, 1 - exp(-t / tau) in each of k recordings, 0 in the others."""
     return split_by_recording(data, 1.0 - np.exp(-data.t / np.array(theta)[data.rec]))
@@ -133,6 +192,6 @@ def _variants(s: Scales) -> list[Block]:
 PHYSICS = Physics(
     name="drift",
     kinds=(KIND,),
-    candidates=lambda data: [Trend(data)],
+    candidates=lambda data: [Trend(data), Wander(data)],
     specimens={"trend": Specimen(_variants, "record a temperature as a channel as well")},
 )

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from dehyst.models.diagnosis.data.readings import irregular_repeats, readings_on_curves
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.errors import BadRecording, DehystError
 from dehyst.models.identify.data.rows import read_rows
@@ -68,8 +69,10 @@ def lay_on_grid(one: Recording) -> GriddedRecording:
     t, u, y = (np.asarray(a, dtype=float) for a in (one.t_s, one.drive, one.displacement))
     again = repeated_readings(y, u)
     frozen = frozen_readings(y, u)
-    lone = lone_readings(np.where(again | frozen, np.nan, y), u)
-    y = np.where(again | frozen | lone, np.nan, y)
+    again |= irregular_repeats(np.where(again | frozen, np.nan, y), u)
+    y = np.where(again | frozen, np.nan, y)
+    lone = lone_readings(y, u) & ~readings_on_curves(y)
+    y = np.where(lone, np.nan, y)
     raw = np.flatnonzero(np.isfinite(t) & np.isfinite(u))
     repeats, wild, stuck = (int(np.count_nonzero(x[raw])) for x in (again, lone, frozen & ~again))
     there = int(np.count_nonzero(np.isfinite(y[raw])))

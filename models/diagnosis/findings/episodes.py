@@ -6,9 +6,9 @@ must tower over its neighbours in consecutive stretches, and be absent in others
 of the level; a change is an excess that begins, or ends, at a time.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ ABSENT = 0.35  # of the largest amplitude: below, the line is absent
 MOST_OF_TIME = 0.75  # present for longer, it is no episode
 NEIGHBOURS = 20  # bins to either side
 SAME_LINE = 0.01  # relative distance of frequencies
+FREQUENCIES = 97  # tried near an expected one, and again within a step of the best of these
 BAND = 1.25  # factor of frequency to either side, within which a line must be alone:
 LEFT = 0.3  # of its power, at most, may remain there, and be there at other times
 SLIP = 0.4  # of the excess, which one step of the level must explain
@@ -44,68 +45,30 @@ class Episode:
 
 
 def find_episodes(data: Data, residual: Floats, sigma: float) -> Episode | None:
-    """Return the strongest line that is present for part of the time, with all its times; None if
-    there is none."""
-    first = find_line(data, residual, sigma)
+    """Return the strongest line that is present for part of the time, with all its times, which may
+    be the whole of another recording; None if there is none."""
+    first = _find_line(data, residual, sigma)
     if first is None:
         return None
-    frequency = first.finding.parameters["frequency_hz"].value
-    removed, found = first.removed, [first.finding]
+    lines, removed = [first], first.removed
     for _ in data.names:
-        more = find_line(data, residual - removed, sigma)
-        if more is None:
-            break
-        if abs(more.finding.parameters["frequency_hz"].value / frequency - 1.0) > SAME_LINE:
+        more = _find_line(data, residual - removed, sigma)
+        if more is None or abs(more.frequency / first.frequency - 1.0) > SAME_LINE:
             break
         removed = removed + more.removed
-        found.append(more.finding)
-    where = {**first.finding.where, "time": "; ".join(one.where["time"] for one in found)}
-    spans = [_span(one.where) for one in found]
-    every = " and ".join([", ".join(spans[:-1]), spans[-1]] if len(spans) > 1 else spans)
-    says = first.finding.says.replace(spans[0], every)
-    share = float(np.sum(removed**2)) / max(int(data.rows.sum()), 1)
-    return Episode(replace(first.finding, share=share, where=where, says=says), removed)
-
-
-def _span(where: Mapping[str, Any]) -> str:
-    """Return from when to when a line is present, and in which recording."""
-    return f"{where['from_s']:.3g} to {where['to_s']:.3g} s of {where['recording']}"
+        lines.append(more)
+    for i in sorted(set(range(len(data.names))) - {line.recording for line in lines}):
+        whole = _line_throughout(data, residual, i, first)
+        if whole is not None and _is_from_outside(data, residual, sigma, whole):
+            removed = removed + whole.removed
+            lines.append(whole)
+    return Episode(_report(data, lines), removed)
 
 
 def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
     """Return the strongest line that is present in part of one recording."""
-    found = [
-        line
-        for i in range(len(data.names))
-        for line in _lines_of(data, residual, i)
-        if _is_alone(data, residual, sigma, line)
-        and not is_drive_line(data, residual, line.here, line.frequency)
-    ]
-    if not found:
-        return None
-    line = max(found, key=lambda one: float(np.sum(one.removed**2)))
-    here, f = line.here, line.frequency
-    start, end = float(data.t[here].min()), float(data.t[here].max())
-    size = float(np.sqrt(2.0 * np.mean(line.removed[here] ** 2)))
-    half = max(Z95 * float(np.std(line.sizes)), 0.1 * size)
-    name = data.names[line.recording]
-    where: dict[str, Any] = {"recording": name, "from_s": start, "to_s": end}
-    where["time"] = f"{name}, {start:.3g} to {end:.3g} s"
-    sure = 0.5 / max(end - start, 1e-9)
-    finding = Finding(
-        **line_for_a_time(f, format_length((size, data.unit)), _span(where)),
-        share=float(np.sum(line.removed**2)) / max(int(data.rows.sum()), 1),
-        evidence={"removed_rms": rms(line.removed[here])},
-        parameters={
-            "frequency_hz": Value(f, f - sure, f + sure, "Hz"),
-            f"amplitude_{data.unit}": Value(
-                size, max(size - half, 0.1 * size), size + half, data.unit
-            ),
-        },
-        ambiguous_with=(),
-        where=where,
-    )
-    return Episode(finding, line.removed)
+    line = _find_line(data, residual, sigma)
+    return None if line is None else Episode(_report(data, [line]), line.removed)
 
 
 @dataclass(frozen=True)
@@ -119,22 +82,95 @@ class _Line:
     here: Bools
     removed: Floats
 
+    @property
+    def power(self) -> float:
+        """Sum of its squares."""
+        return float(np.sum(self.removed**2))
 
-def _lines_of(data: Data, residual: Floats, i: int) -> list[_Line]:
-    """Return lines that tower in consecutive stretches, and are absent in others."""
+
+def _report(data: Data, lines: Sequence[_Line]) -> Finding:
+    """Return the finding for a line with all its times; the values are those of its longest or
+    strongest presence."""
+    lines = sorted(lines, key=lambda one: int(np.argmax(one.here)))
+    names = [data.names[one.recording] for one in lines]
+    ends = [(float(data.t[one.here].min()), float(data.t[one.here].max())) for one in lines]
+    times = [f"{name}, {a:.3g} to {b:.3g} s" for name, (a, b) in zip(names, ends, strict=True)]
+    spans = [f"{a:.3g} to {b:.3g} s of {name}" for name, (a, b) in zip(names, ends, strict=True)]
+    where: dict[str, Any] = {"recording": names[0], "from_s": ends[0][0], "to_s": ends[0][1]}
+    every = " and ".join([", ".join(spans[:-1]), spans[-1]] if len(spans) > 1 else spans)
+    there = np.any([one.here for one in lines], axis=0)
+    if len(lines) > 1 and there[np.argmax(there) :].all():  # once begun, it has not ended
+        every = f"{ends[0][0]:.3g} s of {names[0]} on"
+        del where["to_s"]
+    most = max(lines, key=lambda one: one.power)
+    f, size = most.frequency, float(np.sqrt(2.0 * np.mean(most.removed[most.here] ** 2)))
+    half = max(Z95 * float(np.std(most.sizes)), 0.1 * size)
+    sure = 0.5 / max(float(np.ptp(data.t[most.here])), 1e-9)
+    return Finding(
+        **line_for_a_time(f, format_length((size, data.unit)), every),
+        share=sum(one.power for one in lines) / max(int(data.rows.sum()), 1),
+        evidence={"removed_rms": rms(most.removed[most.here])},
+        parameters={
+            "frequency_hz": Value(f, f - sure, f + sure, "Hz"),
+            f"amplitude_{data.unit}": Value(
+                size, max(size - half, 0.1 * size), size + half, data.unit
+            ),
+        },
+        ambiguous_with=(),
+        where={**where, "time": "; ".join(times)},
+    )
+
+
+def _find_line(data: Data, residual: Floats, sigma: float) -> _Line | None:
+    """Return the strongest line that is present in part of one recording."""
+    found = [
+        line
+        for i in range(len(data.names))
+        for line in _lines_of(data, residual, i)
+        if _is_from_outside(data, residual, sigma, line)
+    ]
+    return max(found, key=lambda one: one.power, default=None)
+
+
+def _is_from_outside(data: Data, residual: Floats, sigma: float, line: _Line) -> bool:
+    """Return whether a line is one, and not of the drive."""
+    by_drive = is_drive_line(data, residual, line.here, line.frequency)
+    return _is_alone(data, residual, sigma, line) and not by_drive
+
+
+class _Stretches(NamedTuple):
+    """Spectra of a recording's stretches. at: indices of its samples; each: samples of a stretch;
+    amplitude, towers: (STRETCHES, bins), towers: where there is a line that the drive has not."""
+
+    at: Ints
+    each: int
+    bin_hz: float
+    amplitude: Floats
+    towers: Bools
+
+
+def _stretches_of(data: Data, residual: Floats, i: int) -> _Stretches | None:
+    """Return the spectra of a recording; None where it is too short."""
     at = np.flatnonzero((data.rec == i) & (data.raw_index >= 0))
     each = at.size // STRETCHES
     if each < LEAST:
-        return []
+        return None
     e = residual[at[: each * STRETCHES]].reshape(STRETCHES, each)
     u = data.u[at[: each * STRETCHES]].reshape(STRETCHES, each)
     window = np.hanning(each)
     amplitude = np.abs(np.fft.rfft((e - e.mean(axis=1, keepdims=True)) * window)) / (each / 4)
     driven = np.abs(np.fft.rfft((u - u.mean(axis=1, keepdims=True)) * window)) / (each / 4)
-    floor = _floor(amplitude)
-    towers = (amplitude > TOWERS * floor) & (driven < TOWERS * _floor(driven) + 1e-9)
+    towers = (amplitude > TOWERS * _floor(amplitude)) & (driven < TOWERS * _floor(driven) + 1e-9)
     towers[:, :4] = False
-    dt = float(data.dt[at[0]])
+    return _Stretches(at, each, 1.0 / (each * float(data.dt[at[0]])), amplitude, towers)
+
+
+def _lines_of(data: Data, residual: Floats, i: int) -> list[_Line]:
+    """Return lines that tower in consecutive stretches, and are absent in others."""
+    cut = _stretches_of(data, residual, i)
+    if cut is None:
+        return []
+    at, each, amplitude, towers = cut.at, cut.each, cut.amplitude, cut.towers
     out: list[tuple[float, int, Ints]] = []
     for k in np.flatnonzero(towers.sum(axis=0) >= 2).tolist():
         a = amplitude[:, k - 1 : k + 2].max(axis=1)
@@ -146,14 +182,34 @@ def _lines_of(data: Data, residual: Floats, i: int) -> list[_Line]:
             out.append((float(np.sum(a[runs] ** 2)), k, runs))
     lines = []
     for _, k, runs in sorted(out, key=lambda one: -one[0])[:3]:
-        first, last = at[runs[0] * each], at[min((runs[-1] + 1) * each, at.size) - 1]
+        ends = runs[-1] == STRETCHES - 1  # the last one lacks the division's rest
+        first, last = at[runs[0] * each], at[-1 if ends else (runs[-1] + 1) * each - 1]
         here = (data.rec == i) & (data.t >= data.t[first]) & (data.t <= data.t[last])
         peak = int(k - 1 + np.argmax(np.sum(amplitude[runs, k - 1 : k + 2] ** 2, axis=0)))
-        f, removed = _fit_line(data, residual, here, peak / (each * dt))
+        f, removed = _fit_line(data, residual, here, peak * cut.bin_hz)
         inner = runs[1:-1] if runs.size > 3 else runs
         sizes = amplitude[inner, k - 1 : k + 2].max(axis=1).tolist()
         lines.append(_Line(i, f, sizes, here, removed))
     return lines
+
+
+def _line_throughout(data: Data, residual: Floats, i: int, same: _Line) -> _Line | None:
+    """Return another recording's line in this recording, where it is present for most of the
+    time."""
+    cut = _stretches_of(data, residual, i)
+    if cut is None:
+        return None
+    k = round(same.frequency / cut.bin_hz)
+    near = slice(max(k - 1, 0), k + 2)
+    if cut.towers[:, near].any(axis=1).sum() < 2:
+        return None
+    sizes = cut.amplitude[:, near].max(axis=1)
+    if np.count_nonzero(sizes > ABSENT * np.mean(same.sizes)) <= MOST_OF_TIME * STRETCHES:
+        return None
+    here = data.rec == i
+    f, removed = _fit_line(data, residual, here, same.frequency)
+    alike = abs(f / same.frequency - 1.0) < SAME_LINE
+    return _Line(i, f, sizes.tolist(), here, removed) if alike else None
 
 
 def _is_alone(data: Data, residual: Floats, sigma: float, line: _Line) -> bool:
@@ -239,16 +295,22 @@ def _floor(amplitude: Floats) -> Floats:
 
 
 def _fit_line(data: Data, residual: Floats, here: Bools, f0: float) -> tuple[float, Floats]:
-    """Return the frequency near f0 that removes most, and the line (N,), 0 elsewhere."""
-    t, e = data.t[here], residual[here] - residual[here].mean()
+    """Return the frequency near f0 whose fit to the counted rows removes most, and the line (N,), 0
+    elsewhere."""
+    t, counted = data.t[here], data.rows[here]
+    if not counted.any():
+        return f0, np.zeros(data.n)
+    e = residual[here][counted] - residual[here][counted].mean()
     width = 1.5 / max(float(np.ptp(t)), 1e-9) * 4
     best = (-1.0, f0, np.zeros(t.size))
-    for f in f0 + np.linspace(-width, width, 97):
-        a = np.column_stack([np.sin(2 * np.pi * f * t), np.cos(2 * np.pi * f * t)])
-        line = a @ np.linalg.lstsq(a, e, rcond=None)[0]
-        power = float(line @ line)
-        if power > best[0]:
-            best = (power, float(f), line)
+    for _ in range(2):
+        for f in best[1] + np.linspace(-width, width, FREQUENCIES):
+            a = np.column_stack([np.sin(2 * np.pi * f * t), np.cos(2 * np.pi * f * t)])
+            line = a @ np.linalg.lstsq(a[counted], e, rcond=None)[0]
+            power = float(np.sum(line[counted] ** 2))
+            if power > best[0]:
+                best = (power, float(f), line)
+        width /= FREQUENCIES // 2  # one of the steps
     out = np.zeros(data.n)
     out[here] = best[2]
     return best[1], out

@@ -36,7 +36,7 @@ class RepeatedSearch:
         self._plain, self._problem = light, light.linearised_about(known)
         self._found, self._known = found, self._problem.solve(known.effects, light.output_of(known))
         self._output = light.output_of(self._known)
-        self._everything = list_eligible(light.data, found.share, ())
+        self._everything = list_eligible(light, found.share, ())
         screen = Screen(self._problem, self._known)
         self._screen = screen.with_residual(screen.residual)
         # starts that a candidate derives from a residual: here from the one that was found

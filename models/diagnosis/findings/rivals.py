@@ -42,11 +42,11 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
     seen: dict[str, Effect] = {}
     for trials in found.rounds:
         keys = {t.candidate.key for t in trials}
-        if not keys & {effect.candidate.key, effect.candidate.refines}:
+        if not keys & {effect.candidate.key, *effect.candidate.refines}:
             continue
         for t in trials:
             key = t.candidate.key
-            same = key in (effect.candidate.key, effect.candidate.refines)
+            same = key in (effect.candidate.key, *effect.candidate.refines)
             as_well = effect.candidate.name in t.candidate.contains  # whichever is true
             if same or key in taken or key in seen or t.impossible or as_well:
                 continue

@@ -93,7 +93,8 @@ def measure_correction(
     left = blockwise_held_out_error(numbers, fit)
     before = left
     if problem.diagnosed.given:
-        alone = Problem(data, no_base(data), problem.diagnosed)
+        # the model in use is in `before`, even where the base stands in for it
+        alone = Problem(data, no_base(data), replace(problem.diagnosed, carries=True))
         before = alone.solve(final.effects, problem.output_of(final)).sse / int(data.rows.sum())
     elif not final.effects:
         before = bare_square  # without effects, all that the base explains is shape
@@ -142,8 +143,8 @@ def shape_finding(
         **{f"explained_by_{k}": v for k, v in parts.items()},
     }
     says = (
-        f"The loop differs from the model's by {format_length((correction.rms, data.unit))} rms: "
-        f"{words}. {CONTAINED}."
+        f"The loop differs from the model's by {format_length((correction.rms, data.unit))} rms. "
+        f"{words[0].upper()}{words[1:]}. {CONTAINED}."
     )
     numbers = format_length((float(np.sqrt(correction.numbers)), data.unit))
     if correction.numbers < sigma**2 + 0.3 * max(correction.gain, 0.0):

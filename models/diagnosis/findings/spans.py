@@ -2,7 +2,7 @@
 or until which, it explains most."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,11 +19,27 @@ from dehyst.models.diagnosis.search import search_one_more
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate
-from dehyst.models.signals.joined import Data
+from dehyst.models.signals.joined import Bools, Data
 
 TIMES = 16  # of each recording that are tried first,
 FINER = 8  # and between two of these, around the best
 SETTLES = 3  # times that the values and the time are fitted in turn
+
+
+@dataclass(frozen=True)
+class LastingSpan(Span):
+    """The part from a time of a recording on, with all recordings made after it, or until that
+    time, with all made before it. Recordings are in the order in which they were made."""
+
+    @property
+    def rest(self) -> Span:
+        """All that is not in it."""
+        return replace(self, begins=not self.begins)
+
+    def rows(self, data: Data) -> Bools:
+        """Return (N,) which samples are in it."""
+        own = data.rec == self.recording
+        return np.where(own, super().rows(data), (data.rec > self.recording) == self.begins)
 
 
 def with_span(found: SearchState) -> SearchState:
@@ -48,21 +64,16 @@ def with_span(found: SearchState) -> SearchState:
         if gain > TUNING.half * most
         for one in ((span, span.rest) if c.mode == "columns" else (span,))
     ]
-    trials = [_settle(bare, *one) for one in both]
-    at_first = misfit_beyond_noise(light, null, sigma)
-    judged = [judge(bare, t, at_first) for t in trials]
-    good = [t for t in judged if not t.refused and _is_its_own(t, light.data)]
-    if not good:
+    # how lags and modes are fed was chosen with effects that are there all the time
+    feeds = [light] if light.data.early else [light.with_zero_order_hold(x) for x in (False, True)]
+    each = [_with_best(replace(bare, problem=fed), both) for fed in feeds]
+    state = min(each, key=lambda one: one.accepted.sse)
+    if state.accepted is null:
         return found
-    best = max(good, key=lambda t: t.worth)
-    always = try_candidate(light, sigma, null, best.candidate, best.fit.effects[0].theta)
-    lasting, part = (misfit_beyond_noise(light, t.fit, sigma) for t in (always, best))
-    if part > TUNING.half * lasting:
-        return found
-    state = replace(bare, accepted=best.fit, rounds=(tuple(judged),), picked=(best.candidate.key,))
     state = search_one_more(state, TUNING.shortlist)
-    if misfit_beyond_noise(light, state.accepted, sigma) > TUNING.quarter * left:
+    if misfit_beyond_noise(state.problem, state.accepted, sigma) > TUNING.quarter * left:
         return found  # the last fit takes away a part of this, not half
+    problem = problem.with_zero_order_hold(state.problem.data.stepped)
     final = problem.refit(state.accepted.effects, rounds=8, settle=0.3 * sigma**2)
     if misfit_beyond_noise(problem, final, sigma) > TUNING.minor * left:
         return found  # a part of any change in time looks like some effect that begins
@@ -70,13 +81,39 @@ def with_span(found: SearchState) -> SearchState:
     return replace(state, problem=problem, null=found.null, accepted=final, counted=counted)
 
 
+def _with_best(bare: SearchState, starts: Sequence[tuple[Candidate, Theta, Span]]) -> SearchState:
+    """Return a search without effects with the best of some in its span; unchanged where none
+    passes, or where it leaves as much as when it is there all the time."""
+    problem, sigma, null = bare.problem, bare.sigma, bare.null
+    at_first = misfit_beyond_noise(problem, null, sigma)
+    judged = [judge(bare, _settle(bare, *one), at_first) for one in starts]
+    good = [t for t in judged if not t.refused and _is_its_own(t, problem.data)]
+    if not good:
+        return bare
+    best = max(good, key=lambda t: t.worth)
+    always = try_candidate(problem, sigma, null, best.candidate, best.fit.effects[0].theta)
+    lasting, part = (misfit_beyond_noise(problem, t.fit, sigma) for t in (always, best))
+    if part > TUNING.half * lasting:
+        return bare
+    return replace(bare, accepted=best.fit, rounds=(tuple(judged),), picked=(best.candidate.key,))
+
+
 def _spans(data: Data, times: int) -> Iterator[Span]:
     for i in range(len(data.names)):
         t = data.t[data.rec == i]
         for at_s in np.linspace(t[0], t[-1], times + 2)[1:-1].tolist():
             for begins in (True, False):
-                for others in (False, True)[: min(len(data.names), 2)]:
-                    yield Span(i, at_s, begins, others)
+                yield from _extents(data, i, at_s, begins)
+
+
+def _extents(data: Data, i: int, at_s: float, begins: bool) -> Iterator[Span]:
+    """Yield the spans that begin, or end, at a time of a recording: with none of the other
+    recordings, with all, and, where these are two, with those on the same side of it in time."""
+    last = len(data.names) - 1
+    for others in (False, True)[: min(last + 1, 2)]:
+        yield Span(i, at_s, begins, others)
+    if 0 < i < last:
+        yield LastingSpan(i, at_s, begins, False)
 
 
 def _best_spans(screen: Screen) -> Iterator[tuple[float, Candidate, Theta, Span]]:
@@ -139,7 +176,16 @@ def _settle(bare: SearchState, c: Candidate, theta: Theta, span: Span) -> Candid
         if trial.gain <= best.gain:
             break
         best = trial
-    return best
+    # an estimate does not tell where it matters little, as a mode does in a slow recording
+    settled = best.fit.effects[0]
+    assert settled.span is not None
+    extents = _extents(problem.data, span.recording, settled.span.at_s, span.begins)
+    others = [
+        try_candidate(problem, sigma, null, c, settled.theta, extent)
+        for extent in extents
+        if extent != settled.span
+    ]
+    return max([best, *others], key=lambda t: t.gain)
 
 
 def _is_its_own(trial: CandidateTrial, data: Data) -> bool:

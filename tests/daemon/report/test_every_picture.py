@@ -80,7 +80,7 @@ def world(y: Floats, begin_s: float = 0.0) -> dict[Any, Any]:
     used: NDArray[np.bool_] = np.ones(n, bool)
     model = kept_model()
     few = np.resize(y, model.hysteresis.n)
-    view = FitView("rest.csv", t_s, y, y, y * 0.9, y * 0.99, used)
+    view = FitView("rest.csv", t_s, y, y, y * 0.9, y * 0.99, used, used)
     diagnosis = Diagnosis(
         verdict="partly", data=DataQuality(n, 0, 0), noise=float(abs(y[0])), unit="um",
         drive_unit="v", findings=(), would_have_seen=(), rms={}, next_experiment="", model=model,

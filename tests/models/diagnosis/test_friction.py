@@ -50,6 +50,15 @@ def test_bristles_are_those_of_small_steps(viscous_s: float) -> None:
     assert got == pytest.approx(want, abs=0.02)
 
 
+def test_a_jump_of_the_drive_is_not_faster_than_what_was_recorded() -> None:
+    """The viscous part of a speed that nobody recorded would be as large as the whole stroke."""
+    t, u = np.arange(100) * DT, np.where(np.arange(100) < 50, 0.0, 40.0)
+    values = {"length": 0.15, "stribeck": 40.0, "excess": 0.5, "sliding": 0.4, "viscous": 1e-3}
+    got = forward("bristles", u, t, gain=2.0, fastest=300.0, **values)
+    assert abs(got[50]) < 0.4 * 1.5 + 1e-3 * 300.0 + 1e-9
+    assert abs(forward("bristles", u, t, gain=2.0, **values)[50]) > 60.0
+
+
 @pytest.mark.parametrize("law", [running_back, viscous])
 def test_friction_on_a_stage_that_runs_back_at_its_turns_is_reported(law: object) -> None:
     d = diagnosed(law)

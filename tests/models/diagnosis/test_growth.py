@@ -7,6 +7,7 @@ from scipy import signal
 from tests.models.diagnosis.test_diagnosed_model import DT, NOISE_UM, N, drive, plain, recordings
 from tests.rigs.diagnosis import diagnose_without_limits
 
+from dehyst.models.cascade.history import replay_recording
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.effects import Effect, Span
 from dehyst.models.diagnosis.findings.growth import growth
@@ -15,6 +16,7 @@ from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Floats
 
 AT = 5.0  # s, in the second recording
+LAG_S = 4e-3
 
 
 def ramp(k: int) -> Floats:
@@ -82,7 +84,56 @@ def test_what_begins_in_the_only_recording_is_named_with_its_time(
     assert name in (first.name, *first.ambiguous_with)
     assert first.where["from_s"] == pytest.approx(AT, abs=within_s)
     assert "It is there from" in first.says
-    assert name not in {block.kind for block in d.model.blocks}  # it was not there before
+    assert name in {block.kind for block in d.model.blocks}  # it is there now
+    assert d.rms["heldout_augmented"] < 1.2 * NOISE_UM
+
+
+def lagging(x: Floats) -> Floats:
+    """Return x (N,) behind a lag of LAG_S, with straight lines between the samples."""
+    low = np.exp(-DT / LAG_S)
+    mean = LAG_S / DT * (1.0 - low)
+    return np.asarray(signal.lfilter([1.0 - mean, mean - low], [1.0, -low], x))
+
+
+def lagged_in(there: tuple[float, ...], k: int) -> Recording:
+    """Return a recording of a stage that lags in part of each: after the time, until it where that
+    is negative."""
+    t, y = np.arange(N) * DT, plain(drive(k))
+    after = t >= abs(there[k])
+    y = np.where(after == (there[k] >= 0.0), lagging(y), y)
+    noise = NOISE_UM * np.random.default_rng(10 + k).standard_normal(N)
+    return Recording(t, drive(k), y + noise, name=f"r{k}.csv")
+
+
+def test_what_began_and_has_stayed_is_named_once_and_is_how_the_stage_is_written() -> None:
+    """It is in all of the recordings made after it, and in none of those before."""
+    there = (np.inf, AT, 0.0, 0.0)
+    given = [lagged_in(there, k) for k in range(3)]
+    d = diagnose_without_limits(given)
+    (lag,) = (f for f in d.findings if f.name == "lag")
+    assert lag.where["recording"] == "r1.csv"
+    assert lag.where["from_s"] == pytest.approx(AT, abs=0.03)
+    assert lag.parameters["tau_s"].value == pytest.approx(LAG_S, rel=0.02)
+    assert "does not contain it" not in lag.says
+    new = lagged_in(there, 3)
+    assert new.displacement is not None
+    before, now = (
+        np.std(new.displacement - replay_recording(model, new).predicted)
+        for model in (d.base_model, d.model)
+    )
+    assert before > 3.0 * NOISE_UM
+    assert now < 1.2 * NOISE_UM
+
+
+def test_what_has_ended_is_named_and_not_written() -> None:
+    """As the recordings are in the order in which they were made, the stage is without it."""
+    given = [lagged_in((0.0, -AT, np.inf), k) for k in range(3)]
+    d = diagnose_without_limits(given)
+    (lag,) = (f for f in d.findings if f.name == "lag")
+    assert lag.where["recording"] == "r1.csv"
+    assert lag.where["until_s"] == pytest.approx(AT, abs=0.05)
+    assert "The written model does not contain it" in lag.says
+    assert "lag" not in {block.kind for block in d.model.blocks}
 
 
 def test_an_effect_of_part_of_the_time_is_no_block_and_acts_then_alone() -> None:

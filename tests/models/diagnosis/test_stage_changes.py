@@ -62,6 +62,41 @@ def test_the_written_model_is_judged_by_the_readings_as_they_are(changed: Stage)
         assert left[1] < left[0] + 0.5 * rig.noise
 
 
+def test_a_change_that_lasts_is_told_once() -> None:
+    """The gain changes in the second of three recordings, and the third one has it from its
+    beginning."""
+    given = []
+    for k in range(3):
+        one = at_rest(k, f"{k}")
+        assert one.displacement is not None
+        more = 0.04 * (k + one.t_s / SECONDS > 1.0 + CHANGES_AT)
+        given.append(replace(one, displacement=one.displacement * (1.0 + more)))
+    (change,) = (f for f in diagnose_without_limits(given).findings if f.name == "unknown")
+    assert change.where["recording"] == "1"
+    assert change.where["from_s"] == pytest.approx(CHANGES_AT * SECONDS, abs=0.1)
+    assert change.says.count("its gain changes by") == 1
+    told = change.says.partition("its gain changes by ")[2].partition(" %")[0]
+    assert float(told) == pytest.approx(4.0, abs=0.3)
+
+
+def test_a_change_is_not_told_where_its_gain_and_its_level_cannot_be_told_apart() -> None:
+    """Two recordings change. In a third one, which rests for most of its time, a little slips: its
+    gain from then on is not known, as a level with any gain fits it."""
+    given = []
+    for k, gain in enumerate((0.2, -0.2, 0.0)):
+        one = at_rest(k, f"{k}")
+        rests = (k == 2) & (one.t_s > 0.2 * SECONDS)
+        u = np.where(rests, one.drive[round(0.2 * SECONDS / DT)], one.drive)
+        late = one.t_s > CHANGES_AT * SECONDS
+        y = bouc_wen(np.random.default_rng(5))(u) * (1.0 + gain * late) + 0.12 * (k == 2) * late
+        noise = NOISE * np.random.default_rng(k).standard_normal(u.size)
+        given.append(replace(one, drive=u, displacement=y + noise))
+    (change,) = (f for f in diagnose_without_limits(given).findings if f.name == "unknown")
+    assert " s of 0 its gain changes by +" in change.says
+    assert " s of 1 its gain changes by -" in change.says
+    assert " s of 2" not in change.says
+
+
 def test_a_ramp_is_no_sudden_change() -> None:
     ramps = []
     for seed in range(2):

@@ -1,6 +1,8 @@
 """Effects with a time: creep from before the recording, a line for a part of it, a slip; lines of
 the drive that are not ambient; recordings that are too long to be fitted whole."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.models.diagnosis.test_diagnosed_model import DT, NOISE_UM, drive, plain, recordings
@@ -71,6 +73,31 @@ def test_a_line_for_a_time_in_several_recordings_is_said_of_all_of_them() -> Non
     assert said.startswith("From ")
     assert " s of r0.csv" in said
     assert " s of r1.csv" in said
+
+
+def test_a_line_that_began_and_goes_on_through_the_next_recording_is_one_finding() -> None:
+    """What does not count, as before the drive's past is known, does not change its values."""
+    data = prepare(recordings(plain))
+    head = (data.rec == 1) & (data.t < 0.3)
+    data = replace(data, rows=data.rows & ~head)
+    residual = NOISE_UM * np.random.default_rng(4).standard_normal(data.n)
+    residual = residual + head * 3.0 * np.cos(2 * np.pi * 20.0 * data.t)
+    line = 0.08 * np.sin(2 * np.pi * 57.3 * data.t + data.rec)
+    begun = (data.rec == 1) | (data.t > 3.0)
+    found = find_episodes(data, residual + begun * line, NOISE_UM)
+    assert found is not None
+    assert found.finding.says.startswith("From 3 s of r0.csv on the reading carries ")
+    assert found.finding.where["recording"] == "r0.csv"
+    assert found.finding.where["from_s"] == pytest.approx(3.0, abs=0.4)
+    assert "to_s" not in found.finding.where
+    values = found.finding.parameters
+    assert values["frequency_hz"].value == pytest.approx(57.3, abs=0.005)
+    assert values["amplitude_um"].value == pytest.approx(0.08, rel=0.03)
+    assert np.std((begun * line - found.removed)[data.rows]) < 0.1 * 0.08
+    weak = np.where(data.rec == 1, 0.2, data.t > 3.0)  # another one, at the same frequency
+    other = find_episodes(data, residual + weak * line, NOISE_UM)
+    assert other is not None
+    assert "r1.csv" not in other.finding.says
 
 
 def test_a_line_is_found_in_its_stretches_only() -> None:

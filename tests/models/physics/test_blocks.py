@@ -134,12 +134,26 @@ def test_creep_follows_the_logarithmic_law() -> None:
     assert np.max(np.abs(y[1:] - law)[inside]) < 0.015 * 0.03
 
 
+def test_creep_counted_from_its_begin_adds_to_what_there_is_without_it() -> None:
+    """At once after a step nothing has crept; 0.1 s later a part has, which the other convention
+    calls none."""
+    t = np.arange(3000) * 1e-3
+    x = np.where(t > 0.5, 1.0, 0.0)
+    values = {"gain": 0.02, "tau_min": 0.02, "tau_max": 50.0}
+    whole = forward("creep", x, t, reference=0.0, **values)
+    usual = forward("creep", x, t, **values)
+    assert whole[501] == pytest.approx(1.0, abs=0.003)
+    assert usual[600] == pytest.approx(1.0, abs=0.003)
+    assert (whole - usual)[501:] == pytest.approx(whole[600] - 1.0, abs=0.003)
+
+
 @settings(max_examples=30)
 @given(st.integers(0, 10_000), st.floats(-0.1, 0.2), st.floats(1e-3, 1.0))
 def test_creep_inverse_is_exact(seed: int, gain: float, tau: float) -> None:
     rng = np.random.default_rng(seed)
     kind = KINDS["creep"]
-    values = {"gain": np.array([gain]), "tau_min": np.array([tau]), "tau_max": np.array([100.0])}
+    taus = {"tau_min": np.array([tau]), "tau_max": np.array([100.0]), "reference": np.array([0.1])}
+    values = {"gain": np.array([gain]), **taus}
     p, size = kind.numbers(values, 1e-3)
     s = np.zeros(size)
     kind.start(p, s, 1.0)
