@@ -22,7 +22,11 @@ from dehyst.models.diagnosis.findings.reported import (
 )
 from dehyst.models.diagnosis.findings.spans import with_span
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.judge import SearchState, can_distinguish_lag
+from dehyst.models.diagnosis.judge import (
+    SearchState,
+    can_distinguish_lag,
+    misfit_beyond_noise,
+)
 from dehyst.models.diagnosis.pasts import explained_heads, rows_with_heads
 from dehyst.models.diagnosis.result import Progress
 from dehyst.models.diagnosis.search import search
@@ -130,8 +134,8 @@ def _without_base_if_as_good(result: SearchResult, say: Progress) -> SearchResul
     )
     start = SearchStart(alone, alone.solve([]), found.sigma)
     other = _find_known(start, say, ()).search
-    if not other.accepted.effects:
-        return result
+    if not other.accepted.effects or any(e.candidate.static for e in other.accepted.effects):
+        return result  # what resembles a loop of another shape is that as well
     noise = found.sigma**2
     with_base = blockwise_held_out_error(problem, found.accepted) - noise
     without = blockwise_held_out_error(alone, other.accepted) - noise
@@ -276,9 +280,13 @@ def _fed_otherwise(found: SearchState) -> SearchState:
     ahead_s = 0.5 * problem.data.period * (1.0 if stepped else -1.0)
     other = problem.with_zero_order_hold(stepped)
     moved = [replace(e, theta=e.candidate.after(ahead_s, e.theta)) for e in effects]
-    forms = [moved, _with_hold(problem.data, moved)] if stepped else [moved]
-    fits = [other.refit(form, rounds=8, settle=0.3 * sigma**2) for form in forms if form]
-    fit = min(fits, key=lambda one: one.sse)
+    fit = other.refit(moved, rounds=8, settle=0.3 * sigma**2)
+    held = _with_hold(problem.data, moved) if stepped else []
+    if held:
+        late = other.refit(held, rounds=8, settle=0.3 * sigma**2)
+        least = min(misfit_beyond_noise(problem, one, sigma) for one in (found.accepted, fit))
+        if misfit_beyond_noise(other, late, sigma) < TUNING.quarter * least:
+            fit = late
     if fit.sse > found.accepted.sse - TUNING.price * sigma**2:
         return found
     return replace(found, problem=other, accepted=fit)

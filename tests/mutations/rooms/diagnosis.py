@@ -445,8 +445,8 @@ CHANGES = [
         Change(
             "held-after-is-a-lag",
             SEARCHED,
-            "forms = [moved, _with_hold(problem.data, moved)] if stepped else [moved]",
-            "forms = [moved]",
+            "held = _with_hold(problem.data, moved) if stepped else []",
+            "held: list[Effect] = []",
             "a drive that is held after its row is reported as a filter",
         ),
         Change(
