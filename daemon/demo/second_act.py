@@ -151,10 +151,9 @@ class Story:
 
     @property
     def too_busy(self) -> str:
-        """Reason why this run cannot be judged; "" if it can. A success despite other load counts;
-        late samples invalidate every figure."""
-        only_late = Busy(late=self.busy.late)
-        return only_late.why if self.named_right and self.helped else self.busy.why
+        """Reason why this run cannot be judged; "" if it can: a success counts in spite of other
+        load and of late samples, which only add to the error."""
+        return "" if self.named_right and self.helped else self.busy.why
 
     @property
     def exit_status(self) -> int:
@@ -336,6 +335,8 @@ def tell_end(story: Story) -> list[str]:
         lines.append(f"  {story.why}")
     if story.too_busy:
         lines.append(f"  this machine was too busy to judge: {story.too_busy}")
+    elif late := Busy(late=story.busy.late).why:
+        lines.append(f"  {late}")
     right = "named right" if story.named_right else "not correctly named"
     if story.named_right and story.named != story.drawn:
         right = f"which the doctor cannot distinguish from {story.drawn}: {right}"

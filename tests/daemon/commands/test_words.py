@@ -44,6 +44,11 @@ def test_the_demo_judges_itself() -> None:
     code, says = compare_errors(0.5, 0.8, 0.0)
     assert code == 1
     assert "did not make the error smaller" in says
+    code, says = compare_errors(0.5, 0.1, 0.17)
+    assert code == 0
+    assert says.endswith("5.0 times smaller, though 17 % of the samples were late")
+    code, says = compare_errors(0.5, 0.3, 0.17)
+    assert code == 77
     code, says = compare_errors(0.5, 0.8, 0.17)
     assert code == 77
     assert "too busy to judge: 17 %" in says

@@ -119,7 +119,7 @@ def act(named: str, state: str, after: float, busy: Busy) -> Story:
 @pytest.mark.parametrize(
     ("named", "state", "after", "quiet", "loaded", "late"),
     [
-        ("lag", "accepted", 0.05, 0, 0, 77),
+        ("lag", "accepted", 0.05, 0, 0, 0),
         ("lag", "accepted", 0.25, 1, 77, 77),  # the error stays closer to that with the effect
         ("creep", "accepted", 0.05, 1, 77, 77),
         ("lag", "returned", np.nan, 1, 77, 77),

@@ -199,6 +199,12 @@ CHANGES = [
     *room(
         ("tests/daemon/demo/test_busy.py",),
         Change(
+            "success-is-busy", "daemon/demo/second_act.py",
+            'return "" if self.named_right and self.helped else self.busy.why',
+            "return self.busy.why",
+            "a success on a busy machine is not judged",
+        ),
+        Change(
             "busy-is-failure", "daemon/demo/second_act.py",
             "        if self.too_busy:\n", "        if False:\n",
             "a doctor that gets no processor time looks like one that finds nothing",
