@@ -291,6 +291,9 @@ def linearise(lot: Equations, shape: Shape, params: Params) -> tuple[Floats, Flo
     return jac, err
 
 
+TINY = 1e-200  # a sum of squares with which one can still divide
+
+
 @dataclass(frozen=True)
 class Normal:
     """Normal equations about some parameters p0: with J p0 added to the errors, the sum of squares
@@ -305,6 +308,13 @@ class Normal:
     def misfit_at(self, p: Floats) -> float:
         """Return the sum of squares at parameters p according to the linearised equations."""
         return max(0.0, self.total + float(np.dot(p, self.gram @ p - 2.0 * self.right)))
+
+    def noise_at(self, p: Floats) -> float:
+        """Return the mean square at parameters p, at least what rounding leaves of it: the sum of
+        squares is a difference of numbers as large as the total, and 0 for a column that copies
+        another only where the processor rounds so."""
+        least = np.finfo(np.float64).eps * abs(self.total)
+        return max(self.misfit_at(p), least, TINY) / max(1, self.count)
 
 
 def measure_misfit(equations: Iterable[Equations], shape: Shape, params: Params) -> float:

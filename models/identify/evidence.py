@@ -74,10 +74,10 @@ def _measure_noise(trial: Trial, shape: Shape, strengths: Sequence[float]) -> fl
     total = trial.total(shape)
     low, high = trial.bound(shape)
     p, _ = bounded_solve(total.gram, total.right, low, high)
-    noise = max(total.misfit_at(p) / max(1, total.count), 1e-300)
+    noise = total.noise_at(p)
     whole = trial.prior.add_to(total, shape.rate, strengths[0], noise, trial.loose)
     p, _ = bounded_solve(whole.gram, whole.right, low, high)
-    return max(total.misfit_at(p) / max(1, total.count), 1e-300)
+    return total.noise_at(p)
 
 
 def _weigh(

@@ -110,8 +110,8 @@ class _StartFit:
         normal = Normal(gram, right + moved, total, at, misfit)
         low, high = make_bounds(about, self._setup.limits)
         low, high = np.concatenate([low, self._low]), np.concatenate([high, np.full(more, np.inf)])
-        noise = normal.misfit_at(bounded_solve(gram, normal.right, low, high)[0]) / max(1, at)
-        whole = self._prior.add_to(normal, shape.rate, 1.0, max(noise, 1e-300))
+        noise = normal.noise_at(bounded_solve(gram, normal.right, low, high)[0])
+        whole = self._prior.add_to(normal, shape.rate, 1.0, noise)
         p, _ = bounded_solve(whole.gram, whole.right, low, high)
         return Params.unpacked(p[: p.size - more], about), normal.misfit_at(p)
 

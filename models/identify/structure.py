@@ -217,7 +217,7 @@ class Trial:
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
         low, high = self.bound(shape)
         p, free = bounded_solve(total.gram, total.right, low, high)
-        noise = max(total.misfit_at(p) / max(1, total.count), 1e-300)
+        noise = total.noise_at(p)
         best: tuple[float, Floats, Floats, float] | None = None
         whole_p = np.zeros(self.like.packed().size)
         for strength in strengths:

@@ -7,6 +7,7 @@ from tests.rigs.outside import noisy, plays, stage, times
 
 from dehyst.models.errors import BadRecording
 from dehyst.models.identify import identify
+from dehyst.models.identify.equations import Normal
 from dehyst.models.identify.plausibility.recordings import require_one_stage
 from dehyst.models.recording import Floats, Recording
 
@@ -24,6 +25,16 @@ def everett(u: Floats, seed: int) -> Floats:
         state = np.where(x >= up, 1.0, np.where(x <= down, -1.0, state))
         out[i] = weight @ state
     return 0.1 * u + 4.0 * out / np.abs(weight).sum()
+
+
+def test_what_rounding_leaves_counts_as_noise() -> None:
+    """The sum of squares of a perfect fit is a difference that one processor rounds to 0, and the
+    next one does not: no division by it overflows."""
+    perfect = Normal(np.eye(1), np.array([3.0]), 9.0, 4, 0.0)
+    assert perfect.misfit_at(np.array([3.0])) == 0.0
+    assert 1e-17 < perfect.noise_at(np.array([3.0])) < 1e-14
+    silent = Normal(np.eye(1), np.zeros(1), 0.0, 4, 0.0)
+    assert np.isfinite(1e80 / silent.noise_at(np.zeros(1)))
 
 
 def decaying(hz: float, periods: float = 12.0, rows: int = 3000) -> tuple[Floats, Floats]:
