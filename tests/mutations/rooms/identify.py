@@ -488,7 +488,7 @@ CHANGES += (
     + room(
         ("tests/models/identify/test_failed_fits.py",),
         Change(
-            "rounding-is-no-noise",
+            "a-perfect-fit-has-no-noise",
             "models/identify/equations.py",
             "max(self.misfit_at(p), least, TINY)",
             "max(self.misfit_at(p), 1e-300)",
