@@ -35,6 +35,22 @@ class Span:
 
 
 @dataclass(frozen=True)
+class LastingSpan(Span):
+    """The part from a time of a recording on, with all recordings made after it, or until that
+    time, with all made before it. Recordings are in the order in which they were made."""
+
+    @property
+    def rest(self) -> Span:
+        """All that is not in it."""
+        return replace(self, begins=not self.begins)
+
+    def rows(self, data: Data) -> Bools:
+        """Return (N,) which samples are in it."""
+        own = data.rec == self.recording
+        return np.where(own, super().rows(data), (data.rec > self.recording) == self.begins)
+
+
+@dataclass(frozen=True)
 class Effect:
     """A candidate with the values of its nonlinear parameters. span: when it is there; None: all
     the time."""

@@ -2,11 +2,11 @@
 or until which, it explains most."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from dehyst.models.diagnosis.effects import Effect, Span, Theta
+from dehyst.models.diagnosis.effects import Effect, LastingSpan, Span, Theta
 from dehyst.models.diagnosis.judge import (
     CandidateTrial,
     SearchState,
@@ -19,27 +19,11 @@ from dehyst.models.diagnosis.search import search_one_more
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate
-from dehyst.models.signals.joined import Bools, Data
+from dehyst.models.signals.joined import Data
 
 TIMES = 16  # of each recording that are tried first,
 FINER = 8  # and between two of these, around the best
 SETTLES = 3  # times that the values and the time are fitted in turn
-
-
-@dataclass(frozen=True)
-class LastingSpan(Span):
-    """The part from a time of a recording on, with all recordings made after it, or until that
-    time, with all made before it. Recordings are in the order in which they were made."""
-
-    @property
-    def rest(self) -> Span:
-        """All that is not in it."""
-        return replace(self, begins=not self.begins)
-
-    def rows(self, data: Data) -> Bools:
-        """Return (N,) which samples are in it."""
-        own = data.rec == self.recording
-        return np.where(own, super().rows(data), (data.rec > self.recording) == self.begins)
 
 
 def with_span(found: SearchState) -> SearchState:

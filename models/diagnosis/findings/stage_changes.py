@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dehyst.models.diagnosis.effects import Span
+from dehyst.models.diagnosis.effects import LastingSpan, Span
 from dehyst.models.diagnosis.findings.episodes import Episode
-from dehyst.models.diagnosis.findings.spans import LastingSpan
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit, solve_ridged
 from dehyst.models.diagnosis.judge import misfit_beyond_noise

@@ -795,7 +795,7 @@ CHANGES = [
             "models/diagnosis/held_out.py",
             "        replace(e, span=None) if e.span is not None and e.span.rows(data)[-1] else e",
             "        e",
-            "an effect that began and has stayed is left out of the model handed out",
+            "an effect that began and has stayed is left out of the augmented model",
         ),
         Change(
             "judged-before-it-began",
@@ -829,7 +829,7 @@ CHANGES = [
             "models/diagnosis/findings/stage_changes.py",
             "    if every:",
             "    if False:",
-            "a change that lasts is told of every recording after it",
+            "a change that lasts is reported again for every later recording",
         ),
         Change(
             "any-size-is-known",
