@@ -225,19 +225,24 @@ def test_metrics_are_what_the_daemon_says(shared: Bench, shared_page: PageProces
     client = shared.client()
     wait_until("it is heard", lambda: exposed(shared_page).get(f"dehyst_up{{{HERE}}}") == 1.0)
     running = f'dehyst_state{{{HERE},dehyst_state="running"}}'
+    error = f'dehyst_error{{{HERE},stat="rms",unit="um"}}'
+    found: dict[str, float] = {}
 
-    def runs() -> bool:
+    def running_with_error() -> bool:
         client.send(4.0)  # it becomes stale after a second
-        return exposed(shared_page)[running] == 1.0
+        found.clear()
+        found.update(exposed(shared_page))
+        # "running" is heard before the first samples that have both a target and a measurement
+        return found[running] == 1.0 and error in found
 
-    wait_until("it runs", runs)
-    found, status = exposed(shared_page), client.status()
+    wait_until("it runs and its error is known", running_with_error)
+    status = client.status()
     states = {k: v for k, v in found.items() if k.startswith("dehyst_state{")}
     assert sum(states.values()) == 1.0
     assert found[f'dehyst_device_ok{{{HERE},device="actuator"}}'] == 1.0
     assert found[f"dehyst_deadlines_missed_total{{{HERE}}}"] <= status.missed
     assert 0 < found[f'dehyst_wakeup_seconds{{{HERE},quantile="0.5"}}'] < 10.0
-    assert 0 < found[f'dehyst_error{{{HERE},stat="rms",unit="um"}}'] < 10.0
+    assert 0 < found[error] < 10.0
 
 
 def test_a_killed_gateway_and_a_killed_page_come_back(bench: Bench, page: PageProcess) -> None:
