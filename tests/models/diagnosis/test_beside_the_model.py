@@ -9,9 +9,19 @@ from tests.models.diagnosis.test_diagnosed_model import DT, NOISE_UM, N, drive, 
 from tests.models.diagnosis.test_names import bouc_wen
 from tests.rigs.diagnosis import diagnose_without_limits
 
+from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis
+from dehyst.models.diagnosis.base import rich_base
+from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.diagnosed_model import THRESHOLDS, DiagnosedModel, fit_plain_model
+from dehyst.models.diagnosis.effects import Effect
+from dehyst.models.diagnosis.evidence import blockwise_held_out_error
+from dehyst.models.diagnosis.findings.shape import measure_correction
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.shortlist import list_remaining
 from dehyst.models.identify import identify
 from dehyst.models.model import Model
+from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
 
 T = np.arange(N) * DT
@@ -105,6 +115,48 @@ def test_a_shape_beside_an_effect_gets_its_own_part_of_the_misfit() -> None:
     coupled = 0.03 * 4 / np.sqrt(2)
     share = coupled**2 / (d.rms["heldout_model"] ** 2 - d.noise**2)
     assert by["coupling"].share == pytest.approx(share, abs=0.15)
+
+
+@pytest.mark.parametrize("carries", [True, False])
+def test_a_shape_removes_what_the_model_in_use_leaves_and_no_more(carries: bool) -> None:
+    """Also where the base stands in for the given model. What is left out leaves the noise: the
+    rest of the model's error, simulated here, is the shape's."""
+    given = [Recording(T, drive(k), noisy(bouc_wen(drive(k)), k), name=f"r{k}") for k in range(2)]
+    data = prepare(given)
+    model = fit_plain_model(data, THRESHOLDS * data.span)
+    problem = Problem(data, rich_base(data), DiagnosedModel(model, given=True, carries=carries))
+    final = problem.solve([])
+    held = blockwise_held_out_error(problem, final)
+    errors = [one.displacement - simulate(model, DT, one.drive) for one in given]
+    left = float(np.mean([np.var(e) for e in errors]))
+    assert held < 1.1 * NOISE_UM**2 < 0.5 * left
+    correction = measure_correction(problem, final, np.nan, held)
+    assert correction.gain == pytest.approx(left - held, rel=0.02)
+
+
+def test_an_effect_is_tried_in_one_form_at_a_time() -> None:
+    """With the simple form in the fit, its finer forms replace it and are not added to it; with a
+    finer form, the simple one is not. The other channel's coupling is another effect."""
+    channels = {
+        name: 5 + 4 * sawtooth(2 * np.pi * f * T, 0.5) for name, f in (("u2_v", 3.1), ("u3_v", 4.3))
+    }
+    data = prepare([Recording(T, drive(0), noisy(plain(drive(0)), 0), channels=channels)])
+    problem, everything = Problem(data, rich_base(data)), list_candidates(data)
+    by_key = {c.key: c for c in everything}
+
+    def remaining(*there: Effect) -> set[str]:
+        return {c.key for c in list_remaining(problem, problem.solve(there), everything)}
+
+    forms = {"coupling-u2_v", "coupledlag-u2_v", "coupling2-u2_v"}
+    others = {"coupling-u3_v", "coupledlag-u3_v"}
+    drifts = {"drift-trend", "drift-wander"}
+    assert remaining() >= {"coupling-u2_v", "coupledlag-u2_v", *others, *drifts}
+    for key, theta in (("coupling-u2_v", ()), ("coupledlag-u2_v", (0.01,))):
+        left = remaining(Effect(by_key[key], theta))
+        assert left >= others | drifts
+        assert not left & forms
+    for key, theta in (("drift-trend", (1.0,)), ("drift-wander", ())):
+        assert not remaining(Effect(by_key[key], theta)) & drifts
 
 
 def test_a_drive_held_after_its_row_is_a_sample_late() -> None:

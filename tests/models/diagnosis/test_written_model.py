@@ -26,11 +26,13 @@ from dehyst.models.diagnosis.held_out import (
     WritableFit,
     make_held_out_groups,
 )
+from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.diagnosis.written_model import (
     WrittenModel,
     add_model_prior,
     choose_written_model,
 )
+from dehyst.models.model import Model
 from dehyst.models.modelfile import dumps, loads
 from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
@@ -99,6 +101,29 @@ def test_rows_that_were_not_recorded_cost_the_recorded_ones_next_to_nothing() ->
     assert left[1] < 1.03 * left[0]
     assert off[1] < 0.3
     assert off[0] > 2.0 * off[1]
+
+
+def test_the_lightest_pull_holds_a_shape_where_nothing_was_recorded() -> None:
+    """The scans show small loops about a level. A sine that grows from rest to the whole of their
+    range is predicted as well as by the model in use, by the first of the pulls that are tried."""
+    data = prepare([scan(1), scan(2)])
+    diagnosed = DiagnosedModel(fit_plain_model(data, THRESHOLDS * data.span))
+    free = Problem(data, rich_base(data), diagnosed)
+    lightly = add_model_prior(free, TUNING.leanings[0])
+    t = DT * np.arange(6000)
+    sine = LEVEL - SWING * np.cos(2 * np.pi * 1.1 * t) * (0.3 + 0.7 * t / t[-1])
+    way = np.linspace(0.0, sine[0], 200)
+    u = np.append(way, sine)
+    y = preisach(np.random.default_rng(5))(u)
+
+    def error(model: Model) -> float:
+        return float(np.std((y - simulate(model, DT, u))[way.size :]))
+
+    freely, held = (problem.solve([]) for problem in (free, lightly))
+    assert held.sse < 1.002 * freely.sse
+    in_use = error(diagnosed.model)
+    assert error(build_augmented_model(free, freely)) > 5.0 * in_use
+    assert error(build_augmented_model(lightly, held)) < 1.5 * in_use
 
 
 @pytest.mark.parametrize("changes", [False, True])
