@@ -9,10 +9,16 @@ from dehyst.models.errors import BadInput
 from dehyst.models.recording import Floats
 
 Numbers = NDArray[np.int64]
+LONGEST_GAP_NS = 1_000_000_000
+"""Longest time between two points that are sent [ns]: a daemon accepts only a few seconds at once,
+and a player sends three seconds ahead."""
+MOST_GAPS = 10_000_000
+"""Most points after the gaps were filled (a gap of 115 days): beyond it, the times are not in s."""
 
 
 class Repeated:
-    """A repeated trajectory: point number k overall is point k modulo n of pass k // n.
+    """A repeated trajectory: point number k overall is point k modulo n of pass k // n. Points that
+    are far apart get others between them, on the straight line that the daemon follows anyway.
 
     t_s, value: (n,) times [s] and targets; times: number of passes, 0: until `end` is called.
     correct: returns the learned corrections of point numbers (m,). Raises BadInput if the times do
@@ -34,7 +40,8 @@ class Repeated:
             raise BadInput("the times of a trajectory must be finite and strictly increase")
         if times < 0:
             raise BadInput(f"{times} repetitions: give 1 or more, or 0 to play until stopped")
-        self.n = t.size
+        self.offset_ns, self.targets = without_long_gaps(self.offset_ns, self.targets)
+        self.n = self.offset_ns.size
         self.pass_ns = int(self.offset_ns[-1]) + round(float(np.median(np.diff(self.offset_ns))))
         self.total: int | None = times * self.n if times else None
         self._correct = correct
@@ -77,6 +84,21 @@ class Repeated:
         numbers = numbers[: max(end, 2)]
         learned = np.zeros(numbers.size) if self._correct is None else self._correct(numbers)
         return offsets[: numbers.size], self.targets[numbers % self.n], learned
+
+
+def without_long_gaps(offset_ns: Numbers, value: Floats) -> tuple[Numbers, Floats]:
+    """Add points to those (n,) times [ns] and targets, on the straight lines between them, so that
+    no two are more than LONGEST_GAP_NS apart. Raises BadInput if they are too far apart."""
+    parts = -(-np.diff(offset_ns) // LONGEST_GAP_NS)
+    if not np.any(parts > 1):
+        return offset_ns, value
+    if parts.sum() > MOST_GAPS:
+        days = offset_ns[-1] * 1e-9 / 86400
+        raise BadInput(f"the trajectory takes {days:.0f} days: are its times in seconds?")
+    begun, width = np.repeat(offset_ns[:-1], parts), np.repeat(np.diff(offset_ns), parts)
+    number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    times = np.append(begun + number * width // np.repeat(parts, parts), offset_ns[-1])
+    return times, np.asarray(np.interp(times, offset_ns, value), np.float64)
 
 
 def on_grid(t_s: Floats, value: Floats, period_s: float) -> tuple[Floats, Floats]:

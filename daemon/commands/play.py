@@ -151,11 +151,14 @@ def run(args: argparse.Namespace) -> int:
         if args.take_over:
             stage.take_over()
         t_s, name = next(iter(trajectories.values())).t_s, Path(args.trajectory).name
+        with saying_when_interrupted(clients):
+            if not learn:
+                played = play_on_stage(stage, t_s, targets, args, name)
+            else:
+                lessons = learn_of(stage, t_s, targets, args, learned, name)
         if not learn:
-            played = play_on_stage(stage, t_s, targets, args, name)
             say_what_follows(clients, targets, args, played)
             return report_played(played, args.json)
-        lessons = learn_of(stage, t_s, targets, args, learned, name)
         say_what_follows(clients, targets, args, {a: one.played for a, one in lessons.items()})
     for axis, one in lessons.items():
         draw_learning(one, pictures[axis], one.played.unit)
@@ -192,6 +195,20 @@ def say_what_follows(
         if not args.json:
             follows = what_follows if played[axis].completed else after_a_stop
             say(f"{client.name}: {STAYS if stays else follows(client.config())}")
+
+
+@contextmanager
+def saying_when_interrupted(clients: "Mapping[str, Client]") -> "Iterator[None]":
+    """Print what the stage does after an interrupt, which has stopped it."""
+    from dehyst.daemon.terminal.what_follows import after_a_stop
+
+    after = {client.name: after_a_stop(client.config()) for client in clients.values()}
+    try:
+        yield
+    except KeyboardInterrupt:
+        for name, follows in after.items():
+            say(f"{name}: stopped early; the stage {follows}")
+        raise
 
 
 def play_on_stage(

@@ -2,7 +2,7 @@
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from dehyst.daemon.client.connection import add_connection, connect_axes, say
@@ -136,38 +136,42 @@ def run(args: argparse.Namespace) -> int:
                 return stage.hold(args.stay)
             return stage.send(targets, args.allow_unreachable, args.stay)
 
-        replies = command()
         setpoints = [client.config().setpoint for client in stage.clients.values()]
-        stale_s = min(setpoint.stale_s for setpoint in setpoints)
-        if args.json:
-            sent = {
-                axis: {"target": targets.get(axis), "unit": stage[axis].unit, "reply": reply}
-                for axis, reply in replies.items()
-            }
-            print_json(sent if len(sent) > 1 else next(iter(sent.values())))
-        else:
-            for axis in replies:
-                client = stage[axis]
-                status = client.status()
-                going = going_to(targets[axis], status) if axis in targets else "held"
-                say(f"{client.name}: {going}; {positioning(status)}")
-        end_ns = clock.monotonic_ns() + round((args.seconds or 0.0) * clock.NS)
-        pause_s = min(stale_s, *(setpoint.lease_s for setpoint in setpoints)) / 4
+        pause_s = min(min(s.stale_s, s.lease_s) for s in setpoints) / 4
+        replies = command()
         try:
+            say_sent(stage, targets, replies, args.json)
+            end_ns = clock.monotonic_ns() + round((args.seconds or 0.0) * clock.NS)
             while (left_s := (end_ns - clock.monotonic_ns()) / clock.NS) > 0:
                 clock.sleep_s(min(pause_s, left_s))
                 command()
         except KeyboardInterrupt:
-            say_end(stage, after_the_last)
+            say_end(stage, end_of(args, after_the_last))
             raise
         if not args.json:
             if args.seconds:
                 for axis in replies:
                     say(f"{stage[axis].name}: {where(stage[axis].status())}")
-            kept = HELD if args.hold else STAYS
-            follows = after_a_stop if args.hold else what_follows
-            say_end(stage, (lambda _: kept) if args.stay else follows)
+            say_end(stage, end_of(args, what_follows))
     return 0
+
+
+def say_sent(
+    stage: "Group", targets: "Mapping[str, float]", replies: "Mapping[str, Reply]", as_json: bool
+) -> None:
+    """Print where each axis goes, or the replies as JSON."""
+    if as_json:
+        sent = {
+            axis: {"target": targets.get(axis), "unit": stage[axis].unit, "reply": reply}
+            for axis, reply in replies.items()
+        }
+        print_json(sent if len(sent) > 1 else next(iter(sent.values())))
+        return
+    for axis in replies:
+        client = stage[axis]
+        status = client.status()
+        going = going_to(targets[axis], status) if axis in targets else "held"
+        say(f"{client.name}: {going}; {positioning(status)}")
 
 
 def where(status: "Status") -> str:
@@ -197,6 +201,15 @@ def describe_stop(config: "Config", status: "Status") -> str:
             f"{config.safe.voltage_v:g} V"
         )
     return after_a_stop(config)
+
+
+def end_of(
+    args: argparse.Namespace, follows: "Callable[[Config], str]"
+) -> "Callable[[Config], str]":
+    """Return the description of what the stage does after the command: `follows` after a target."""
+    if args.stay:
+        return lambda _: HELD if args.hold else STAYS
+    return after_a_stop if args.hold else follows
 
 
 def say_end(stage: "Group", words: "Callable[[Config], str]") -> None:

@@ -143,7 +143,8 @@ class PassedOn:
         if span_s > self.most_s:
             raise NotAdmitted(
                 "span",
-                f"the chunk spans {span_s:.3g} s; at most {self.most_s:g} s are accepted in one",
+                f"the chunk spans {span_s:.3g} s; at most {self.most_s:g} s are accepted in one: "
+                "send it in parts, with points in between",
             )
         if ahead_s + span_s > self.most_s:
             raise NotAdmitted(

@@ -37,6 +37,36 @@ def test_the_pieces_are_the_passes_one_behind_the_other(times: int, n: int, span
     np.testing.assert_array_equal(whole[:, 1], np.tile(np.arange(float(n)), times))
 
 
+@given(st.lists(st.integers(1, 40_000), min_size=1, max_size=8), st.floats(0.01, 3.0), st.data())
+def test_points_that_are_far_apart_are_sent_in_short_steps(
+    gaps_ms: list[int], span_s: float, data: st.DataObject
+) -> None:
+    """A daemon refuses a long chunk; the way between two points is the straight line."""
+    t_s = np.r_[0.0, np.cumsum(gaps_ms)] * 1e-3
+    given_targets = np.array(
+        data.draw(st.lists(st.floats(0, 9), min_size=t_s.size, max_size=t_s.size))
+    )
+    points, sent, times, targets = Repeated(t_s, given_targets, 2), 0, [], []
+    while not points.over(sent):
+        offsets, values, _ = points.piece(sent, span_s, 1000)
+        before = times[-1] if times else offsets[0] * 1e-9
+        assert offsets[-1] * 1e-9 - before <= max(span_s, 1.0) + 1.0 + 1e-6
+        times += list(offsets * 1e-9)
+        targets += list(values)
+        sent += values.size
+    of_pass = np.array(times[: len(times) // 2])
+    assert set(np.round(t_s, 6)) <= set(np.round(of_pass, 6))  # each given point is still reached
+    np.testing.assert_allclose(
+        targets[: of_pass.size], np.interp(of_pass, t_s, given_targets), atol=1e-6
+    )
+    np.testing.assert_array_equal(targets[of_pass.size :], targets[: of_pass.size])
+
+
+def test_times_that_are_not_in_seconds_are_refused() -> None:
+    with pytest.raises(BadInput, match="takes 231 days: are its times in seconds"):
+        Repeated([0.0, 1e7, 2e7], [1.0, 2.0, 1.0])
+
+
 def test_one_without_an_end_ends_with_its_pass() -> None:
     points = Repeated(T, TARGET, 0)
     assert not points.over(10**9)

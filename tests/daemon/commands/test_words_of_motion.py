@@ -1,7 +1,8 @@
-"""What `zero` and `send` say of a large shift and of an interrupt: what the stage does from then
-on, and what was not done."""
+"""What `zero`, `send` and `play` say of a large shift and of an interrupt: what the stage does from
+then on, and what was not done."""
 
 import signal
+from pathlib import Path
 
 import pytest
 from tests.rigs.gateway_bench import Bench, wait_until
@@ -20,15 +21,22 @@ from dehyst.daemon.rings.records import State
             "then ramps to 0 V at 1000 V/s",
         ),
         (("send", "2", "--for", "60"), "holds for 1.2 s, then ramps to 0 V at 1000 V/s"),
+        (
+            ("play", "WAY"),
+            "stopped early; the stage holds the output for 0.2 s, then ramps to 0 V at 1000 V/s",
+        ),
     ],
 )
 def test_an_interrupt_says_what_the_stage_does_now(
-    shared: Bench, words: tuple[str, ...], said: str
+    shared: Bench, words: tuple[str, ...], said: str, tmp_path: Path
 ) -> None:
-    process = dehyst(*words, "--connect", shared.address)
-    assert process.stderr is not None
-    first = process.stderr.readline()
-    assert "moving through" in first or "going to" in first
+    way = tmp_path / "way.csv"
+    way.write_text("t_s,target_um\n0,3\n30,7\n60,3\n")
+    process = dehyst(*(str(way) if w == "WAY" else w for w in words), "--connect", shared.address)
+    if words[0] != "play":  # play prints nothing before its end
+        assert process.stderr is not None
+        first = process.stderr.readline()
+        assert "moving through" in first or "going to" in first
     wait_until("it moves", lambda: shared.loop.state is State.RUNNING)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60.0)

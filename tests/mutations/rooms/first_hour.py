@@ -179,9 +179,26 @@ CHANGES = [
         Change(
             "interrupted-stay",
             "daemon/commands/send.py",
-            "        except KeyboardInterrupt:\n            say_end(stage, after_the_last)\n",
-            "        except KeyboardInterrupt:\n",
+            "            say_end(stage, end_of(args, after_the_last))\n",
+            "",
             "Ctrl-C in `send --for` does not say what the stage does",
+        ),
+        Change(
+            "interrupted-play",
+            "daemon/commands/play.py",
+            "        with saying_when_interrupted(clients):\n",
+            "        if True:\n",
+            "Ctrl-C in `play` does not say what the stage does",
+        ),
+    ),
+    *room(
+        ("tests/daemon/client/test_repeated.py",),
+        Change(
+            "far-apart-as-given",
+            "daemon/client/repeated.py",
+            "if not np.any(parts > 1):",
+            "if True:",
+            "a trajectory with points far apart is refused by the daemon",
         ),
     ),
     *room(
