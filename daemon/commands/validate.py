@@ -81,6 +81,7 @@ def _summary(model: str, v: Validation) -> dict[str, Any]:
         "by_chance": v.chance,
         "start": v.start,
         "late_rows": v.late,
+        "repeated_rows": v.repeats,
         "outside_validity": v.outside,
         "within_band": v.within,
         "band_unstated": v.unstated,

@@ -23,7 +23,7 @@ from dehyst.models.units import spell_unit
 
 def say_validation(model: str, v: Validation) -> str:
     """State in one line how well a model predicts a recording, and add notes on rows outside its
-    validity and on late samples."""
+    validity, on late samples and on repeated readings."""
     unit = spell_unit(v.unit)
     claim = "no claim to compare" if v.claim is None else f"it claims {v.claim:.4g}"
     noise = f"{v.noise:.4g}" if math.isfinite(v.noise) else "not known"
@@ -51,6 +51,11 @@ def say_validation(model: str, v: Validation) -> str:
         )
     if v.late:
         text += f"\nnote: {v.late} rows at late samples are not judged"
+    if v.repeats:
+        text += (
+            f"\nnote: {v.repeats} rows repeat the reading of the row before and are not judged: "
+            "the gauge was polled faster than it reads"
+        )
     if v.outside >= 0.0005:
         text += f"\nnote: {v.outside:.1%} of the rows are outside the model's validity"
     return text

@@ -17,6 +17,7 @@ from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording
 from dehyst.models.signals.error_size import Z95
 from dehyst.models.signals.pace import measure_pace
+from dehyst.models.signals.repeats import find_repeats
 from dehyst.models.signals.rounding import quantum
 from dehyst.models.units import spell_unit
 
@@ -50,7 +51,8 @@ class Validation:
     and the noise explain, None if they are too few or the noise is not known; late: number of rows
     at late samples, which are not judged; noisier: rms of the recording's noise beyond that in the
     claim, which is no error of the model; coarse: the reading is rounded to steps wider than the
-    band, so that no row shows whether the band is too wide.
+    band, so that no row shows whether the band is too wide; repeats: number of rows that repeat the
+    reading of the row before, which are not judged.
     """
 
     name: str
@@ -71,6 +73,7 @@ class Validation:
     late: int
     noisier: float = 0.0
     coarse: bool = False
+    repeats: int = 0
 
     @property
     def share(self) -> float:
@@ -133,6 +136,8 @@ def validate(model: Model, recording: Recording) -> Validation:
             f"{recording.name}: the drive stays at {u[0]:.6g} {spell_unit(recording.drive_unit)} "
             "throughout, which shows nothing of a model; record a drive that moves"
         )
+    again, _ = find_repeats(y, u)
+    y = np.where(again, np.nan, y)
     late = _find_late(t)
     read = ~np.isnan(y)
     judged_at = _find_settled(u, read) & ~late
@@ -174,6 +179,7 @@ def validate(model: Model, recording: Recording) -> Validation:
         late=int(np.count_nonzero(late)),
         noisier=_find_noisier(error, noise, fit.noise_rms if fit.noise_rms is not None else claim),
         coarse=fit.band is not None and step > 2.0 * fit.band,
+        repeats=int(np.count_nonzero(again)),
     )
 
 

@@ -1,4 +1,5 @@
-"""Find lone readings: single rows that a recorder wrote wrongly."""
+"""Find lone readings: single rows that a recorder wrote wrongly; and which of them lie on the
+motion."""
 
 import numpy as np
 from numba import njit
@@ -25,6 +26,9 @@ JUMP = 0.6745 * (35.0 / 18.0) ** 0.5
 """Median jump of white noise from the cubic through its neighbours, in its standard deviations."""
 FEW = 0.005
 """Largest share of the rows: with more, it is something that the gauge does."""
+CONTINUES = 0.5
+"""Share of a reading's distance from the cubic through its neighbours on both sides: the largest
+from a curve through those on one side; a lone reading is about as far from both."""
 
 
 def lone_readings(y: Floats, u: Floats) -> Bools:
@@ -53,6 +57,22 @@ def lone_readings(y: Floats, u: Floats) -> Bools:
     if 0 < at.size <= max(1.0, FEW * known.size):
         lone[known[at]] = True
     return lone
+
+
+def readings_on_curves(y: Floats) -> Bools:
+    """Return (N,) True where a reading continues the motion after it, backwards, or the motion
+    before it: that turns there, though the drive need not, as behind a slew limit. y: (N,), NaN
+    where missing."""
+    out = np.zeros(y.size, dtype=bool)
+    rows = np.flatnonzero(np.isfinite(y))
+    v = y[rows]
+    off = np.full(v.size, np.inf)
+    for order in (2, 3):  # differences: from the line, and the parabola, through as many rows
+        miss = np.abs(np.diff(v, order))
+        off[:-order] = np.minimum(off[:-order], miss)
+        off[order:] = np.minimum(off[order:], miss)
+    out[rows] = off < CONTINUES * np.abs(measure_jumps(v))
+    return out
 
 
 def measure_peaks(x: Floats) -> Floats:

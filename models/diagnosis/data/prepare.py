@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from dehyst.models.diagnosis.data.readings import irregular_repeats, readings_on_curves
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.errors import BadRecording, DehystError
 from dehyst.models.identify.data.rows import read_rows
@@ -26,9 +25,9 @@ from dehyst.models.identify.setup import set_up
 from dehyst.models.identify.start import start_agrees
 from dehyst.models.recording import Recording, typical_step
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
-from dehyst.models.signals.lone import lone_readings
+from dehyst.models.signals.lone import lone_readings, readings_on_curves
 from dehyst.models.signals.pasts import FRESH
-from dehyst.models.signals.repeats import frozen_readings, repeated_readings
+from dehyst.models.signals.repeats import find_repeats
 
 FIRST_WAY = 0.8  # of the drive's range: end of the first sweep
 JITTER = 1.001  # periods per period that passes: above, jitter was rounded up to whole ones
@@ -67,14 +66,12 @@ def lay_on_grid(one: Recording) -> GriddedRecording:
     few usable samples."""
     assert one.displacement is not None
     t, u, y = (np.asarray(a, dtype=float) for a in (one.t_s, one.drive, one.displacement))
-    again = repeated_readings(y, u)
-    frozen = frozen_readings(y, u)
-    again |= irregular_repeats(np.where(again | frozen, np.nan, y), u)
+    again, frozen = find_repeats(y, u)
     y = np.where(again | frozen, np.nan, y)
     lone = lone_readings(y, u) & ~readings_on_curves(y)
     y = np.where(lone, np.nan, y)
     raw = np.flatnonzero(np.isfinite(t) & np.isfinite(u))
-    repeats, wild, stuck = (int(np.count_nonzero(x[raw])) for x in (again, lone, frozen & ~again))
+    repeats, wild, stuck = (int(np.count_nonzero(x[raw])) for x in (again, lone, frozen))
     there = int(np.count_nonzero(np.isfinite(y[raw])))
     if there < TUNING.least_samples:
         raise BadRecording(

@@ -17,7 +17,7 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.identify.data.outliers import remove_glitches, sample
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import GAP_PERIODS, Bools, Floats, Recording
-from dehyst.models.signals.repeats import frozen_readings, repeated_readings
+from dehyst.models.signals.repeats import find_repeats
 from dehyst.models.units import spell_unit
 
 REGULAR = 1e-3
@@ -76,8 +76,7 @@ def read_rows(recording: Recording) -> Rows:
     _require_size(name, recording.size)
     notes = [text] if (text := recording.defects()) else []
     u, y, t = recording.drive, recording.displacement, recording.t_s
-    for find, says in ((repeated_readings, REPEATED), (frozen_readings, FROZEN)):
-        out = find(y, u)
+    for out, says in zip(find_repeats(y, u), (REPEATED, FROZEN), strict=True):
         if out.any():
             y = np.where(out, np.nan, y)
             notes.append(f"{name}: {says.format(np.count_nonzero(out), y.size)}")

@@ -58,6 +58,26 @@ def test_worse_than_it_claims_is_a_finding(
     assert "not white" in bad
 
 
+def test_rows_that_repeat_a_reading_are_counted(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    columns, _ = read_columns("run.csv")
+    t_s, u, y = (columns[key] for key in ("t_s", "u_v", "y_um"))
+    again = np.random.default_rng(3).random(t_s.size) < 0.3
+    again[0] = False
+    last = np.maximum.accumulate(np.where(again, 0, np.arange(t_s.size)))
+    write_recording(folder / "repeating.csv", t_s, {"u_v": u, "y_um": y[last]})
+    assert main(["validate", "good.toml", "run.csv", "repeating.csv", "--json"]) == 0
+    once, repeating = json.loads(capsys.readouterr().out)
+    assert (once["repeated_rows"], repeating["repeated_rows"]) == (0, again.sum())
+    assert repeating["rms"] == pytest.approx(once["rms"], rel=0.05)
+    assert main(["validate", "good.toml", "repeating.csv"]) == 0
+    assert (
+        f"{again.sum()} rows repeat the reading of the row before and are not judged: the gauge"
+        in capsys.readouterr().out
+    )
+
+
 def test_a_recording_may_begin_anywhere(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The rms error does not depend on where the recording begins: here the first loop is already
     over."""

@@ -766,8 +766,8 @@ CHANGES = [
         ("tests/models/diagnosis/test_repeated_readings.py",),
         Change(
             "irregular-repeats-are-readings",
-            "models/diagnosis/data/prepare.py",
-            "    again |= irregular_repeats(np.where(again | frozen, np.nan, y), u)\n",
+            "models/signals/repeats.py",
+            "    again |= irregular_repeats(np.where(again | frozen, np.nan, y), drive)\n",
             "",
             "a gauge that repeats its reading now and then is reported as a lag",
         ),
@@ -780,7 +780,7 @@ CHANGES = [
         ),
         Change(
             "chance-repeats-a-reading",
-            "models/diagnosis/data/readings.py",
+            "models/signals/repeats.py",
             "np.count_nonzero(again) > CHANCE * by_one\n        and ",
             "",
             "a coarse gauge is said to repeat its readings",
@@ -1074,9 +1074,9 @@ CHANGES = [
         ),
         Change(
             "a-stuck-gauge-is-read",
-            "models/diagnosis/data/prepare.py",
-            "    frozen = frozen_readings(y, u)\n",
-            "    frozen = frozen_readings(y, 0.0 * u)\n",
+            "models/signals/repeats.py",
+            "frozen_readings(y, drive)\n    again",
+            "frozen_readings(y, 0.0 * drive)\n    again",
             "a gauge that is stuck or at its limit is reported as a nonlinear sensor",
         ),
         Change(

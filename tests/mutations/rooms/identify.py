@@ -462,6 +462,23 @@ CHANGES += (
         ),
     )
     + room(
+        ("tests/models/identify/test_repeated_rows.py",),
+        Change(
+            "repeats-are-misfit",
+            "models/identify/data/rows.py",
+            "            y = np.where(out, np.nan, y)\n",
+            "",
+            "the model of a gauge that repeats its reading now and then is off by twice its noise",
+        ),
+        Change(
+            "judged-on-repeats",
+            VALIDATION,
+            "    y = np.where(again, np.nan, y)\n",
+            "",
+            "a good model is called worse than it claims on a gauge that repeats its reading",
+        ),
+    )
+    + room(
         ("tests/models/signals/test_jumps.py",),
         Change(
             "jumps-either-way",
