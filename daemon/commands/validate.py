@@ -82,6 +82,7 @@ def _summary(model: str, v: Validation) -> dict[str, Any]:
         "start": v.start,
         "late_rows": v.late,
         "repeated_rows": v.repeats,
+        "stuck_rows": v.stuck,
         "outside_validity": v.outside,
         "within_band": v.within,
         "band_unstated": v.unstated,

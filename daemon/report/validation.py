@@ -56,6 +56,11 @@ def say_validation(model: str, v: Validation) -> str:
             f"\nnote: {v.repeats} rows repeat the reading of the row before and are not judged: "
             "the gauge was polled faster than it reads"
         )
+    if v.stuck:
+        text += (
+            f"\nnote: {v.stuck} rows have exactly the same reading while the drive moves and are "
+            "not judged: the gauge is stuck or at its limit there"
+        )
     if v.outside >= 0.0005:
         text += f"\nnote: {v.outside:.1%} of the rows are outside the model's validity"
     return text

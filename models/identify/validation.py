@@ -52,7 +52,8 @@ class Validation:
     at late samples, which are not judged; noisier: rms of the recording's noise beyond that in the
     claim, which is no error of the model; coarse: the reading is rounded to steps wider than the
     band, so that no row shows whether the band is too wide; repeats: number of rows that repeat the
-    reading of the row before, which are not judged.
+    reading of the row before, and stuck: at which the gauge is stuck or at its limit, which are not
+    judged.
     """
 
     name: str
@@ -74,6 +75,7 @@ class Validation:
     noisier: float = 0.0
     coarse: bool = False
     repeats: int = 0
+    stuck: int = 0
 
     @property
     def share(self) -> float:
@@ -136,8 +138,8 @@ def validate(model: Model, recording: Recording) -> Validation:
             f"{recording.name}: the drive stays at {u[0]:.6g} {spell_unit(recording.drive_unit)} "
             "throughout, which shows nothing of a model; record a drive that moves"
         )
-    again, _ = find_repeats(y, u)
-    y = np.where(again, np.nan, y)
+    again, stuck = find_repeats(y, u)
+    y = np.where(again | stuck, np.nan, y)
     late = _find_late(t)
     read = ~np.isnan(y)
     judged_at = _find_settled(u, read) & ~late
@@ -180,6 +182,7 @@ def validate(model: Model, recording: Recording) -> Validation:
         noisier=_find_noisier(error, noise, fit.noise_rms if fit.noise_rms is not None else claim),
         coarse=fit.band is not None and step > 2.0 * fit.band,
         repeats=int(np.count_nonzero(again)),
+        stuck=int(np.count_nonzero(stuck)),
     )
 
 

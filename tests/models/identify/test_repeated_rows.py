@@ -74,6 +74,15 @@ def test_a_model_is_not_judged_on_repeated_rows(again: Bools) -> None:
     assert judged.interval_is == ""
 
 
+def test_a_model_is_not_judged_where_the_gauge_is_stuck() -> None:
+    model = identify([recorded(KINDS[0], 1)]).model
+    stuck = (np.arange(N) > 0.4 * N) & (np.arange(N) < 0.5 * N)
+    judged = validate(model, recorded(stuck, 2))
+    assert stuck.sum() <= judged.stuck <= stuck.sum() + 1
+    assert judged.rms == pytest.approx(NOISE_UM, rel=0.1)
+    assert not judged.worse
+
+
 def test_a_wrong_model_is_worse_on_the_rows_that_are_left() -> None:
     model = identify([recorded(KINDS[0], 1)]).model
     one = recorded(KINDS[2], 2)

@@ -473,9 +473,16 @@ CHANGES += (
         Change(
             "judged-on-repeats",
             VALIDATION,
-            "    y = np.where(again, np.nan, y)\n",
-            "",
+            "y = np.where(again | stuck, np.nan, y)",
+            "y = np.where(stuck, np.nan, y)",
             "a good model is called worse than it claims on a gauge that repeats its reading",
+        ),
+        Change(
+            "judged-where-stuck",
+            VALIDATION,
+            "y = np.where(again | stuck, np.nan, y)",
+            "y = np.where(again, np.nan, y)",
+            "a good model is called worse than it claims where the gauge was stuck",
         ),
     )
     + room(
