@@ -19,6 +19,7 @@ from typing import BinaryIO, cast
 
 import numpy as np
 
+from dehyst.daemon.files.cut_line import MOST_OTHERS, ends_inside_number
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Floats
 
@@ -85,8 +86,11 @@ def _read(name: str, handle: BinaryIO, packed: int) -> Table:
         _require_plausible_size(name, handle, packed)
     metadata, header, line = _header(name, handle)
     parts: list[list[Floats]] = [[] for _ in header]
-    rows = 0
+    rows, before = 0, ""
     for first_line, text in _blocks(name, handle, line):
+        if not text.endswith("\n") and _is_cut(text, before):
+            raise _cut_short(name, f"line {first_line} ends inside a number")
+        before = text
         block = _parse(name, header, text, first_line)
         rows += block.shape[0]
         if 8 * rows * len(header) > MOST_BYTES:
@@ -187,6 +191,20 @@ def _parse(name: str, header: list[str], text: str, first_line: int) -> Floats:
     return block
 
 
+def _is_cut(last: str, before: str) -> bool:
+    """Return whether a last line without an end ends inside its last number."""
+    others = before.rstrip("\n").rsplit("\n", MOST_OTHERS)[1:]
+    ends = [line.rpartition(",")[2] for line in (last, *others)]
+    return ends_inside_number(ends[0], ends[1:], ".")
+
+
+def _cut_short(name: str, what: str) -> BadRecording:
+    return BadRecording(
+        f"{name}: {what}: the last line is cut short; dehyst convert --unfinished "
+        f"{shlex.quote(name)} whole.csv keeps the lines before"
+    )
+
+
 def _plausible(block: Floats) -> bool:
     with np.errstate(invalid="ignore"):
         return not bool(np.any(np.abs(block) > LARGEST))
@@ -202,11 +220,8 @@ def _parse_slowly(name: str, header: list[str], text: str, first_line: int) -> F
         fields = content.split(",")
         if len(fields) != len(header):
             cut = number == first_line + len(lines) - 1 and len(fields) < len(header)
-            raise BadRecording(
-                f"{name}: line {number} has {len(fields)} fields, the header has {len(header)}"
-                + ": the last line is cut short; dehyst convert --unfinished "
-                f"{shlex.quote(name)} whole.csv keeps the lines before" * cut
-            )
+            what = f"line {number} has {len(fields)} fields, the header has {len(header)}"
+            raise _cut_short(name, what) if cut else BadRecording(f"{name}: {what}")
         rows.append([_field(name, number, k, f) for k, f in zip(header, fields, strict=True)])
     return np.array(rows, dtype=np.float64).reshape(-1, len(header))
 

@@ -19,6 +19,7 @@ from dehyst.daemon.files.csv_table import (
     TRUSTED_BYTES,
     is_missing,
 )
+from dehyst.daemon.files.cut_line import MOST_OTHERS, ends_inside_number
 from dehyst.daemon.files.foreign.affixes import bare_numbers
 from dehyst.daemon.files.foreign.fields import GROUPED_APART
 from dehyst.daemon.files.foreign.found import Sheet
@@ -151,8 +152,8 @@ def understand_text(
     layout.form = [f"separated by {word}"] if separator != "," else []
     _refuse_two_commas(name, layout, rows, separator)
     first = places[layout.first]
-    row_before = first < len(lines) - 1
-    cut = cut if row_before and _is_short(split(lines[-1]), split(lines[-2]), decimal) else 0
+    before = lines[max(first, len(lines) - 1 - MOST_OTHERS) : -1] if cut else []
+    cut = cut if before and _is_cut(split(lines[-1]), [*map(split, before)], decimal) else 0
     if cut:
         lines.pop()
     found = _quickly(lines, first, layout, separator, decimal, split, above)
@@ -182,9 +183,15 @@ def _join_quoted(lines: list[str]) -> None:
             lines[i], lines[j] = f"{lines[i]} {lines[j]}", ""
 
 
-def _is_short(last: Sequence[str], before: Sequence[str], decimal: str) -> bool:
-    """Return whether a last line has fewer fields than the one before it, and begins as a row."""
-    return len(last) < len(before) and kinds_of(last, decimal)[:1] == [NUMBER]
+def _is_cut(last: Sequence[str], before: Sequence[Sequence[str]], decimal: str) -> bool:
+    """Return whether a last line begins as a row and has fewer fields than the one before it, or
+    fewer digits in the last of them than others."""
+    if kinds_of(last, decimal)[:1] != [NUMBER]:
+        return False
+    ends = [row[-1] for row in before if len(row) == len(last)]
+    numbers = 2 * kinds_of(ends, decimal).count(NUMBER) > len(ends)
+    short = numbers and ends_inside_number(last[-1], ends, decimal)
+    return len(last) < len(before[-1]) or short
 
 
 def _ways_to_name(sample: Sequence[str], separator: str, i: int) -> list[list[str]]:

@@ -1,0 +1,54 @@
+"""What a file does not say plainly is asked for, and what it says in an odd place is used: a line
+cut inside a number, lost samples, decimation, units and gains in words."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.rigs.foreign_files import asked, read
+
+from dehyst.models.recording import Recording
+
+N = 300
+T = np.round(0.005 * np.arange(N), 3)
+U = np.round(50 + 40 * np.sin(2 * np.pi * 1.5 * T), 4)
+Y = np.round(3 + 0.06 * U + 0.3 * np.cos(2 * np.pi * 1.5 * T), 5)
+HEAD = ("Time (s)", "Voltage (V)", "Displacement (um)")
+
+
+def is_it(found: Recording, y: np.ndarray = Y, t: np.ndarray = T) -> None:
+    assert found.displacement is not None
+    assert (found.drive_unit, found.displacement_unit) == ("v", "um")
+    np.testing.assert_allclose(found.t_s - found.t_s[0], t, atol=1e-9)
+    np.testing.assert_allclose(found.drive, U[: t.size], rtol=1e-9)
+    np.testing.assert_allclose(found.displacement, y[: t.size], rtol=1e-9)
+
+
+def lines(*columns: Any, head: Sequence[str] = HEAD, mark: str = ",") -> list[str]:
+    body = zip(*(map(str, np.asarray(column).tolist()) for column in columns), strict=True)
+    return [mark.join(head), *(mark.join(row) for row in body)]
+
+
+def write(path: Path, rows: Sequence[str], end: str = "\n") -> Path:
+    path.write_text("\n".join(rows) + end, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("lost", [3, 5, 7])
+def test_a_last_line_that_was_cut_inside_its_last_number_is_left_out(
+    tmp_path: Path, lost: int
+) -> None:
+    y = Y + np.where(np.arange(N) == N - 1, 10.0, 0.0)
+    rows = [f"{t:g},{u:.4f},{v:.5f}" for t, u, v in zip(T, U, y, strict=True)]
+    cut = [",".join(HEAD), *rows[:-1], rows[-1][:-lost]]
+    found = read(write(tmp_path / "a.csv", cut, end=""))
+    is_it(found, t=T[:-1])
+    assert f"line {N + 1}, the last, is cut short and left out" in found.read
+    assert read(write(tmp_path / "a.csv", cut)).t_s.size == N  # it ends as a line does
+    is_it(read(write(tmp_path / "a.csv", [cut[0], *rows], end="")), y)
+    cut[0] = "t_s,u_v,y_um"
+    own = asked(write(tmp_path / "own.csv", cut, end=""))
+    assert f"line {N + 1} ends inside a number" in own
+    assert "dehyst convert --unfinished own.csv whole.csv" in own
