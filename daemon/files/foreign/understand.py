@@ -7,11 +7,12 @@ stated in that line.
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dehyst.daemon.files.foreign.choose import choose_columns, describe_column, path_of
+from dehyst.daemon.files.foreign.counted import counter_with_gaps, divided_by
 from dehyst.daemon.files.foreign.epochs import continued, is_packed_clock, join_clocks
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
@@ -21,6 +22,7 @@ from dehyst.daemon.files.foreign.roles import (
     counts_rows,
     role_of,
 )
+from dehyst.daemon.files.foreign.rows_apart import on_common_rows, with_own_times
 from dehyst.daemon.files.foreign.stated_step import SURELY_SECONDS
 from dehyst.daemon.files.foreign.units import (
     DRIVE_UNITS,
@@ -74,9 +76,17 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
         columns = join_clocks(columns)
     asked: list[str] = []
     chosen = choose_columns(name, columns, reading, wants, asked)
+    if own_times := with_own_times(name, columns, chosen, reading):
+        named = {role: wanted for role, wanted in reading.columns.items() if role != "t"}
+        columns, reading, asked = own_times, replace(reading, columns=named), []
+        chosen = choose_columns(name, columns, reading, wants, asked)
+    columns, chosen = on_common_rows(name, columns, chosen, found, reading)
     out: dict[str, Floats] = {}
     said: list[str] = []
-    _take_time(chosen.get("t"), columns, found, reading, out, said, asked)
+    if reading.rate_hz or "t" not in chosen:
+        _count_time(columns, [*chosen.values()], found, reading, out, said, asked)
+    else:
+        _take_time(columns[chosen["t"]], found, reading, out, said, asked)
     for role in ("u", "y", "target"):
         if role in chosen:
             given = reading.drive_unit if role == "u" else reading.unit
@@ -135,32 +145,54 @@ def _two_units(column: Column) -> list[str]:
     return [unit, apart] if unit and apart and unit != apart else []
 
 
-def _take_time(
-    number: int | None,
+def _count_time(
     columns: Sequence[Column],
+    taken: Sequence[int],
     found: Sheet,
     reading: ReadOptions,
     out: dict[str, Floats],
     said: list[str],
     asked: list[str],
 ) -> None:
-    rows = len(columns[0].values)
-    if reading.time_unit and not reading.rate_hz and number is None and found.step_s > 0.0:
+    """Count the times of rows without a time of their own. taken: columns that are chosen."""
+    step_s, (note, divisor) = found.step_s, divided_by(found.notes)
+    if reading.rate_hz:
+        step_s, source = 1.0 / reading.rate_hz, "--rate"
+    elif reading.time_unit and step_s > 0.0:
         asked.append(
             f"--time-unit {reading.time_unit}: there is no column of times; the file states a "
-            f"period of {found.step_s:.6g} s, which --rate HZ replaces"
+            f"period of {step_s:.6g} s, which --rate HZ replaces"
         )
         return
-    if reading.rate_hz or number is None:
-        step_s = 1.0 / reading.rate_hz if reading.rate_hz else found.step_s
-        if step_s > 0.0:
-            out["t_s"] = np.asarray(found.start_s + step_s * np.arange(rows), dtype=np.float64)
-            source = "--rate" if reading.rate_hz else "the file's own period"
-            said.append(f"t from {source} ({step_s:.6g} s a row)")
-        elif not any("columns t=" in text or "no column holds times" in text for text in asked):
-            asked.append("no column of times: add --rate HZ (rows a second), or --columns t=...")
+    elif step_s > 0.0 and note:
+        asked.append(
+            f"the file states {1.0 / step_s:.6g} Hz and '{note}', and does not say which rate "
+            f"the rows have: add --rate {1.0 / step_s:.6g} or --rate {1.0 / step_s / divisor:.6g}"
+        )
         return
-    column = columns[number]
+    else:
+        source = "the file's own period"
+    if step_s > 0.0:
+        heading, count = counter_with_gaps(columns, taken)
+        rows = count if heading else np.arange(len(columns[0].values))
+        out["t_s"] = np.asarray(found.start_s + step_s * rows, dtype=np.float64)
+        each = f"a count of '{heading[:40]}'" if heading else "a row"
+        said.append(f"t from {source} ({step_s:.6g} s {each})")
+        if heading:
+            lost = int(count[-1]) + 1 - count.size
+            found.said.append(f"'{heading[:40]}' leaves out {lost} samples, and so do the times")
+    elif not any("columns t=" in text or "no column holds times" in text for text in asked):
+        asked.append("no column of times: add --rate HZ (rows a second), or --columns t=...")
+
+
+def _take_time(
+    column: Column,
+    found: Sheet,
+    reading: ReadOptions,
+    out: dict[str, Floats],
+    said: list[str],
+    asked: list[str],
+) -> None:
     label, unit = describe_column(column), find_unit_key(reading.time_unit) or _unit(column)
     values = np.asarray(column.values, dtype=np.float64)
     if column.clock and reading.time_unit and find_unit_key(reading.time_unit) != "s":

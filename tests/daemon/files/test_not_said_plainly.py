@@ -52,3 +52,44 @@ def test_a_last_line_that_was_cut_inside_its_last_number_is_left_out(
     own = asked(write(tmp_path / "own.csv", cut, end=""))
     assert f"line {N + 1} ends inside a number" in own
     assert "dehyst convert --unfinished own.csv whole.csv" in own
+
+
+KEPT = np.arange(N + 100) // 50 != 2
+COUNT = np.arange(N + 100)[KEPT][:N]
+
+
+@pytest.mark.parametrize("heading", ["Sample", "Count", "Packet number", "seq"])
+@pytest.mark.parametrize("given", [{"rate_hz": 200.0}, {}])
+def test_times_follow_a_counter_that_leaves_samples_out(
+    tmp_path: Path, heading: str, given: dict[str, float]
+) -> None:
+    rows = lines(7 + COUNT, U, Y, head=[heading, *HEAD[1:]])
+    found = read(write(tmp_path / "a.csv", [*([] if given else ["# fs = 200 Hz"]), *rows]), **given)
+    is_it(found, t=0.005 * COUNT)
+    assert f"'{heading}' leaves out 50 samples, and so do the times" in found.read
+    np.savez(tmp_path / "a.npz", fs=200.0, n=COUNT, drive_v=U, position_um=Y)
+    is_it(read(tmp_path / "a.npz", **given), t=0.005 * COUNT)
+
+
+def test_a_time_in_whole_milliseconds_is_no_counter_of_samples(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", lines(COUNT, U, Y, head=["Time (ms)", *HEAD[1:]]))
+    is_it(read(path, rate_hz=200.0))  # as the option says: rows a second
+
+
+@pytest.mark.parametrize(
+    "note", ["Decimation: 10", "Averages per point: 10", "oversampling_ratio = 10", "down-sampling,10"]
+)
+def test_a_rate_beside_a_decimation_is_asked_for(tmp_path: Path, note: str) -> None:
+    rows = ["# Sample rate: 2000 Hz", f"# {note}", *lines(U, Y, head=HEAD[1:])]
+    said = asked(write(tmp_path / "a.csv", rows))
+    assert note.replace(",", " ") in said and "add --rate 2000 or --rate 200" in said
+    is_it(read(write(tmp_path / "a.csv", rows), rate_hz=200.0))
+    rows[1] = rows[1].replace("10", "1")
+    is_it(read(write(tmp_path / "a.csv", rows)), t=T / 10)
+    rows[1] = f"# Averaging time: {10} ms"
+    is_it(read(write(tmp_path / "a.csv", rows)), t=T / 10)
+
+
+def test_a_decimation_next_to_arrays_is_asked_for(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", fs=2000, decimation=10, drive_v=U, position_um=Y)
+    assert "add --rate 2000 or --rate 200" in asked(tmp_path / "a.npz")
