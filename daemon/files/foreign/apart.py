@@ -68,10 +68,10 @@ def read_apart(path: Path) -> Sheet:
         with np.load(target, allow_pickle=False) as data:
             head = json.loads(str(data["head"]))
             columns = [
-                Column(one["heading"], data[f"c{i}"], one["unit"], one["clock"], one["number"])
+                Column(values=data[f"c{i}"], **{**one, "wave": one["wave"] and tuple(one["wave"])})
                 for i, one in enumerate(head["columns"])
             ]
-    return Sheet(columns, head["notes"], head["step_s"], head["start_s"], head["said"])
+    return Sheet(columns, **{key: value for key, value in head.items() if key != "columns"})
 
 
 def processor_time_s(path: Path) -> int:
@@ -123,6 +123,7 @@ def main(source: str, target: str) -> None:
             "unit": text_of(c.unit),
             "clock": c.clock,
             "number": c.number,
+            "wave": c.wave,
         }
         for c in found.columns
     ]
@@ -132,6 +133,7 @@ def main(source: str, target: str) -> None:
         "step_s": found.step_s,
         "start_s": found.start_s,
         "said": [text_of(text) for text in found.said],
+        "blank": [text_of(text) for text in found.blank],
     }
     arrays = {f"c{i}": c.values for i, c in enumerate(found.columns)}
     np.savez(target, head=np.array(json.dumps(head)), **arrays)

@@ -14,8 +14,9 @@ from dehyst.daemon.files.foreign.beside import (
     labelled,
     name_columns,
     names_beside,
-    period_in,
+    period_of_all,
     unit_beside,
+    wave_beside,
 )
 from dehyst.daemon.files.foreign.epochs import epoch_unit, is_rising
 from dehyst.daemon.files.foreign.fields import moment_of, number_of
@@ -44,7 +45,7 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
         if array.dtype.names:
             for key in array.dtype.names:
                 columns += _columns(f"{name}.{key}".strip("."), one.unit, np.asarray(array[key]))
-        elif (texts := _texts_in(array)) and len(texts) == 1:
+        elif (texts := texts_in(array)) and len(texts) == 1:
             kept[name] = texts[0][:MOST_NOTE]
         elif texts and not (clock := _clock_in(name, texts)):
             left.append(name)
@@ -74,7 +75,8 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
         _name(one, of, columns, lists, kept)
         for column in of:
             column.unit = f"{column.unit}{factor}".strip()
-    found = Sheet(columns, kept, period_in(kept))
+            column.wave = one.wave or wave_beside(one.name, kept)
+    found = Sheet(columns, kept, period_of_all(kept, [one.name for one, _ in wide]))
     used = {name for name, texts in lists.items() if any(len(texts) == len(of) for _, of in wide)}
     if solid:
         found.said.append(
@@ -99,7 +101,8 @@ def _name(
     if len(of) > 1:
         beside = {k[len(group) :]: v for k, v in lists.items() if group_of(k) == group}
         names, units = names_beside(one.name[len(group) :], len(of), beside)
-        name_columns(of, one.names or names, one.units or units)
+        own = one.names if len(one.names) == len(of) else ()
+        name_columns(of, own or names, one.units or units)
     elif one.label:
         of[0].heading = labelled(one.name, one.label)
     elif group and sum(group_of(column.heading) == group for column in columns) == 1:
@@ -110,7 +113,7 @@ def _is_array(value: Any) -> bool:
     return isinstance(value, np.ndarray | list | tuple)
 
 
-def _texts_in(array: Any) -> list[str]:
+def texts_in(array: Any) -> list[str]:
     """Return the texts of an array that holds nothing else, [] of any other."""
     texts = array.reshape(-1).tolist() if array.dtype.kind in "USO" else []
     return [text_of(t) for t in texts] if all(isinstance(t, str | bytes) for t in texts) else []

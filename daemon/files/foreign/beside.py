@@ -1,8 +1,10 @@
 """Find what a file states beside its arrays: names and units of their columns, and the period."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 
+from dehyst.daemon.files.foreign.fields import number_of
 from dehyst.daemon.files.foreign.found import Column
 from dehyst.daemon.files.foreign.headings import apart
 from dehyst.daemon.files.foreign.roles import role_of
@@ -11,6 +13,7 @@ from dehyst.daemon.files.foreign.units import (
     TIME,
     UNITS,
     find_unit_key,
+    read_heading,
     split_heading,
     states_no_unit,
 )
@@ -31,6 +34,10 @@ _LISTS_NAMES = re.compile(
 )
 """What a list of names is called. Other lists, such as "plots", may be in another order; those of
 HDF5's dimensions name no columns."""
+_BEGINS = re.compile(
+    r"[tx]_?0|t_?start|(?:start|begin)_?time|time_?(?:start|offset)|x_?org|x_?origin", re.I
+)
+"""Names of the time at which an array begins."""
 _PORT = re.compile(r"(?:In|Out)\d*")
 """The last part of a signal's name in a block diagram that says nothing."""
 
@@ -94,6 +101,41 @@ def unit_beside(heading: str, notes: Mapping[str, str]) -> str:
     if role_of(heading[len(group_of(heading)) :], "")[0] == "t":
         stated = [unit for unit in stated if UNITS.get(find_unit_key(unit), ("",))[0] == TIME]
     return next(filter(None, stated), "")
+
+
+def wave_beside(name: str, notes: Mapping[str, str]) -> tuple[float, float] | None:
+    """Return (beginning, period or 0) [s] that a file states for one array or its group, None if it
+    states neither."""
+    step, begins = 0.0, list[float]()
+    for front in _fronts(name):
+        own = {k[len(front) :]: text for k, text in notes.items() if k.startswith(front)}
+        own = {key: text for key, text in own.items() if not re.search(r"[/.]", key)}
+        step = step or period_in(own)
+        begins += [at for key, text in own.items() if (at := _beginning(key, text)) is not None]
+    return (begins[0] if begins else 0.0, step) if step or begins else None
+
+
+def period_of_all(notes: Mapping[str, str], names: Sequence[str]) -> float:
+    """Return the sampling period [s] that a file states for all arrays, or else for any of them; 0
+    if none is stated, or two contradict each other."""
+    fronts = tuple({front for name in names for front in _fronts(name)})
+    general = {key: text for key, text in notes.items() if not key.startswith(fronts)}
+    return period_in(general) or period_in(notes)
+
+
+def _fronts(name: str) -> list[str]:
+    """Return what the names of notes begin with that belong to one array, its own first."""
+    return [front for front in (f"{name}.", f"{name}/", f"{name}_", group_of(name)) if front[1:]]
+
+
+def _beginning(key: str, text: str) -> float | None:
+    """Return the time [s] of "t0" or "start_time", None for another note."""
+    heading = read_heading(key)
+    kind, _, factor = UNITS.get(heading.unit or "s", ("", "", 0.0))
+    if kind != TIME or not _BEGINS.fullmatch(heading.name or key):
+        return None
+    at = number_of(text)
+    return None if at is None or not math.isfinite(at) else factor * at
 
 
 def _own_unit(heading: str, notes: Mapping[str, str]) -> str:

@@ -9,19 +9,22 @@ from typing import Any
 class Column:
     """One column: its heading, or ""; its unit if the file gives it apart from the heading, or "";
     (N,) values; clock: the file gave timestamps, which were converted to seconds; number: in the
-    file, from 0, where columns without numbers count as well (-1: as in its Sheet)."""
+    file, from 0, where columns without numbers count as well (-1: as in its Sheet); wave:
+    (beginning, period or 0) [s] that the file states for it alone, or None."""
 
     heading: str
     values: Any
     unit: str = ""
     clock: bool = False
     number: int = -1
+    wave: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
 class Given:
     """An array of a file: its name with its path; (N,) or (N, M) values, or texts; unit, label:
-    stated for the whole of it; names, units: for each of its columns, or ()."""
+    stated for the whole of it; names, units: for each of its columns, or (); wave: as of a
+    Column."""
 
     name: str
     values: Any
@@ -29,13 +32,14 @@ class Given:
     label: str = ""
     names: Sequence[str] = ()
     units: Sequence[str] = ()
+    wave: tuple[float, float] | None = None
 
 
 @dataclass
 class Sheet:
     """Columns in the file's order; notes: by name; step_s: sampling period that the file states;
     start_s: time of its first row; said: further remarks on the format; where: describes the place
-    of a row in the file."""
+    of a row in the file; blank: headings of the columns that hold no number."""
 
     columns: list[Column]
     notes: dict[str, str] = field(default_factory=dict)
@@ -43,6 +47,7 @@ class Sheet:
     start_s: float = 0.0
     said: list[str] = field(default_factory=list)
     where: Callable[[int], str] = field(default=lambda row: f"row {row + 1}")
+    blank: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         for i, column in enumerate(self.columns):

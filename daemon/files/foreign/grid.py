@@ -276,6 +276,7 @@ def sheet_of(
         layout.start_s,
         where=where,
     )
+    found.blank = [h for h, of in zip(layout.headings, layout.numeric, strict=True) if h and not of]
     note_form(found, layout, texts)
     return found
 

@@ -1,6 +1,7 @@
 """Read each kind of file with the library made for it. Runs in a separate process
 (dehyst.daemon.files.foreign.apart); each library is imported where it is used."""
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,20 +15,25 @@ from dehyst.daemon.files.foreign.arrays import (
     by_columns,
     flattened,
     found_in,
+    texts_in,
+)
+from dehyst.daemon.files.foreign.attributes import (
+    as_scaled,
+    moment_in,
+    remarks,
+    text_in,
+    unit_in,
+    wave_in,
 )
 from dehyst.daemon.files.foreign.beside import names_beside
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet, text_of
 from dehyst.daemon.files.foreign.grid import LOOKED_AT, fill, lay_out
 from dehyst.daemon.files.foreign.text import understand_text
-from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
 from dehyst.models.errors import BadRecording
 
 MOST_ROWS = 4_000_000
-UNIT_ATTRIBUTES = (
-    "unit", "units", "Unit", "Units", "unit_string", "UNIT", "NI_UnitDescription",
-)  # fmt: skip
-OF_LIBRARIES = ("MATLAB_", "DIMENSION_", "NI_", "wf_", "_")
-"""What the names of attributes begin with that libraries write for themselves."""
+_PICKLED_NAME = re.compile(r"^a?V(.+)$", re.MULTILINE)
+"""A name in a list of names, as pandas writes it into an attribute."""
 LAYOUTS = {"pandas", "ARROW:schema", "huggingface", "geo"}
 """Keys under which programs keep the layout of a table."""
 
@@ -74,7 +80,8 @@ def read_hdf5(path: Path) -> Sheet:
     size = 0
 
     def visit(given: str | bytes, item: Any) -> None:
-        if "#refs#" not in (name := text_of(given)) and "#subsystem#" not in name:
+        name = text_of(given)
+        if not any(own in f"/{name}" for own in ("#refs#", "#subsystem#", "/_i_")):
             take(name, item, 0)
 
     def take(name: str, item: Any, deep: int) -> None:
@@ -84,7 +91,7 @@ def read_hdf5(path: Path) -> Sheet:
             objects[name] = kind
             return
         whole = not isinstance(item, h5py.Dataset)  # a group
-        notes.update(_remarks(f"{name}{'/' if whole else '.'}", item.attrs))
+        notes.update(remarks(f"{name}{'/' if whole else '.'}", item.attrs))
         if whole:
             if deep:
                 item.visititems(lambda inner, one: take(f"{name}/{text_of(inner)}", one, deep))
@@ -102,7 +109,7 @@ def read_hdf5(path: Path) -> Sheet:
         elif kind == "char":
             notes[name] = characters(item)
         elif h5py.check_string_dtype(item.dtype) or item.dtype.kind in "biufS" or item.dtype.names:
-            arrays.append(_given(name, item))
+            arrays.extend(_given(name, item))
 
     def characters(item: Any) -> str:
         letters = np.asarray(item[()]).T.reshape(-1)[:200].astype("<u2")
@@ -127,81 +134,29 @@ def read_hdf5(path: Path) -> Sheet:
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
-        notes |= _remarks("", file.attrs)
+        notes |= remarks("", file.attrs)
     return _without_objects(found_in(arrays, notes), objects)
 
 
-def _remarks(name: str, attributes: Any) -> dict[str, str]:
-    """Return the single texts and numbers in attributes, except those of the library and of MATLAB;
-    a unit in them may be that of a column."""
-    found = {}
-    for given, value in attributes.items():
-        one, key = _single(value), text_of(given)
-        if key in UNIT_ATTRIBUTES or key.isupper() or key.startswith(OF_LIBRARIES):
-            continue
-        if isinstance(one, str | bytes | int | float | np.number):
-            said = text_of(one) if isinstance(one, str | bytes) else str(one)
-            found[name + key] = said[:200]
-    return found
-
-
-def _single(value: Any) -> Any:
-    """Return the only value of a list of one, as some libraries write an attribute."""
-    one = isinstance(value, np.ndarray) and value.size == 1
-    return value.reshape(-1)[0] if one else value
-
-
-def _given(name: str, item: Any) -> Given:
-    """Return a dataset with the names and units in its attributes."""
+def _given(name: str, item: Any) -> list[Given]:
+    """Return a dataset, or the fields of a table, with the names and units in its attributes."""
+    if item.dtype.names:
+        table = item[()]
+        kinds = {field: text_in(item.attrs, f"{field}_kind") for field in item.dtype.names}
+        named = {key: _PICKLED_NAME.findall(kind) for key, kind in kinds.items()}
+        return [Given(f"{name}.{key}", table[key], names=names) for key, names in named.items()]
     if item.dtype.kind not in "iuf":
-        return Given(name, item[()])
-    unit, values = _as_scaled(item.attrs, item[()])
-    label = _text_in(item.attrs, "long_name", "label", "name")
+        return [Given(name, item[()])]
+    unit, values = as_scaled(item.attrs, item[()])
+    label = text_in(item.attrs, "long_name", "label", "name")[:60]
     width = sorted(item.shape)[-2] if item.ndim == 2 else 0
     lists = {
-        text_of(key): [text_of(text) for text in value.reshape(-1).tolist()]
+        text_of(key): texts
         for key, value in item.attrs.items()
-        if width and isinstance(value, np.ndarray) and value.dtype.kind in "OSU"
+        if width and (texts := texts_in(np.asarray(value)))
     }
     names, units = names_beside("", width, lists)
-    return Given(name, values, "" if units else unit, label, names, units)
-
-
-def _text_in(attributes: Any, *names: str) -> str:
-    """Return the first of these attributes that is there as a text, "" if none is."""
-    for name in names:
-        if (value := _single(attributes.get(name))) is not None:
-            return text_of(value if isinstance(value, bytes) else str(value))[:60]
-    return ""
-
-
-def _unit_in(attributes: Any) -> str:
-    return _text_in(attributes, *UNIT_ATTRIBUTES)[:40]
-
-
-def _number_in(attributes: Any, *names: str) -> float | None:
-    """Return the first of these attributes that is one number, None if none is."""
-    for name in names:
-        value = np.asarray(attributes.get(name, ""))
-        if value.size == 1 and value.dtype.kind in "iuf":
-            return float(value.reshape(-1)[0])
-    return None
-
-
-def _as_scaled(attributes: Any, values: Any) -> tuple[str, Any]:
-    """Return (unit, values) of a dataset as the CF conventions unpack it: `_FillValue` is missing,
-    and the rest times `scale_factor` plus `add_offset`."""
-    unit = _unit_in(attributes)
-    if values.dtype.kind not in "iuf":
-        return unit, values
-    missing = [_number_in(attributes, name) for name in ("_FillValue", "missing_value")]
-    factor, offset = (_number_in(attributes, name) for name in ("scale_factor", "add_offset"))
-    known = [value for value in missing if value is not None and np.any(values == value)]
-    if known or factor is not None or offset is not None:
-        lost = np.isin(values, known)
-        values = values * (1.0 if factor is None else factor) + (offset or 0.0)
-        values[lost] = np.nan
-    return unit, values
+    return [Given(name, values, "" if units else unit, label, names, units)]
 
 
 def read_xlsx(path: Path) -> Sheet:
@@ -209,6 +164,11 @@ def read_xlsx(path: Path) -> Sheet:
     numbers."""
     from openpyxl import load_workbook
 
+    with path.open("rb") as file:
+        if file.read(4) == b"\xd0\xcf\x11\xe0":
+            raise BadRecording(
+                "is protected by a password, or of Excel 97: save it as .xlsx without a password"
+            )
     book = load_workbook(path, read_only=True, data_only=True)
     sheets: list[tuple[str, Sheet]] = []
     refused: list[BadRecording] = []
@@ -261,6 +221,7 @@ def read_xlsx(path: Path) -> Sheet:
         )
         for title, one in sheets:
             found.notes |= {f"{title}/{key}": text for key, text in one.notes.items()}
+            found.blank += [f"{title}/{heading}" for heading in one.blank]
     found.said += [f"sheet left out: {str(error)[:200]}" for error in refused]
     found.where = lambda row: f"row {row + 1}"
     return found
@@ -276,35 +237,28 @@ def read_tdms(path: Path) -> Sheet:
     from nptdms import TdmsFile
 
     notes: dict[str, str] = {}
-    steps: set[float] = set()
-    starts: set[float] = set()
     with TdmsFile.open(path) as file:
         groups = file.groups()
         notes |= {str(k): str(v)[:200] for k, v in file.properties.items() if str(v)}
+
+        every = [channel for group in groups for channel in group.channels()]
+        begins = [at for c in every if (at := moment_in(c.properties)) is not None]
+        first = min(begins, default=None)
 
         def channels() -> Iterator[Given]:
             size = 0
             for group in groups:
                 for channel in group.channels():
                     name = f"{group.name}/{channel.name}" if len(groups) > 1 else channel.name
-                    notes.update(_remarks(f"{name}.", channel.properties))
+                    notes.update(remarks(f"{name}.", channel.properties))
                     size += 8 * len(channel)
                     if size > MOST_BYTES:
                         raise BadRecording(f"holds more than {MOST_BYTES >> 20} MB")
-                    step = channel.properties.get("wf_increment", 0.0)
-                    along = str(channel.properties.get("wf_xunit_string", "") or "s")
-                    kind, _, factor = UNITS.get(find_unit_key(along), ("", "", 0.0))
-                    if kind == TIME and isinstance(step, float | int) and 0 < step < 1e6:
-                        steps.add(factor * float(step))
-                        start = float(channel.properties.get("wf_start_offset", 0.0))
-                        starts.add(factor * start)
-                    yield Given(name, channel[:], _unit_in(channel.properties))
+                    wave = wave_in(channel.properties, first)
+                    yield Given(name, channel[:], unit_in(channel.properties), wave=wave)
 
         found = found_in(list(channels()), notes)
-    if len(steps) == 1 and len(starts) == 1:
-        found.step_s, found.start_s = steps.pop(), starts.pop()
-    elif steps:  # different ones, whatever else the file states
-        found.step_s = 0.0
+    found.start_s = min((c.wave[0] for c in found.columns if c.wave), default=0.0)
     return found
 
 
@@ -346,12 +300,12 @@ def read_netcdf(path: Path) -> Sheet:
     with netcdf_file(path, mmap=False) as read:
         notes: dict[str, str] = {}
         for name, variable in read.variables.items():
-            notes |= _remarks(f"{name}.", vars(variable))
+            notes |= remarks(f"{name}.", vars(variable))
         return found_in(
             (
                 Given(name, values, unit)
                 for name, variable in read.variables.items()
-                for unit, values in [_as_scaled(vars(variable), variable[:])]
+                for unit, values in [as_scaled(vars(variable), variable[:])]
             ),
             notes,
         )
@@ -378,7 +332,7 @@ def _columns_of(table: Any) -> Iterator[Given]:
     for field, column in zip(table.schema, table.columns, strict=True):
         beside = {text_of(k): text_of(v) for k, v in (field.metadata or {}).items()}
         for name, values in flattened(column.to_numpy(), field.name):
-            yield Given(name, values, _unit_in(beside))
+            yield Given(name, values, unit_in(beside))
 
 
 READERS: dict[str, Callable[[Path], Sheet]] = {

@@ -15,6 +15,7 @@ from dehyst.models.errors import BadRecording
 
 END = "***End_of_Header***"
 SEPARATED = {"tab": "\t", "comma": ","}
+_X_VALUE = re.compile(r"X_Value(\.\d+)?")
 Header = dict[str, list[str]]
 Reader = Callable[[str, int, str, str], Sheet]
 
@@ -68,31 +69,39 @@ def _begin(lines: Sequence[str], last: int, end: int, separator: str) -> int:
     return next((i for i in range(end, last, -1) if lines[i].startswith(first)), end)
 
 
-def _numbers(header: Header, key: str) -> set[float | None]:
+def _numbers(header: Header, key: str) -> list[float | None]:
     cells = [cell for cell in header.get(key, []) if cell]
-    return {number_of(cell, "," if "," in cell else ".") for cell in cells}
+    return [number_of(cell, "," if "," in cell else ".") for cell in cells]
 
 
 def _add_times(part: Sheet, header: Header, x_columns: str) -> None:
-    """Put the times that the header states in front of the columns, where none are written."""
+    """Put the times that the header states in front of the columns, where none are written, or give
+    each channel its own, where they differ."""
     begins, steps = _numbers(header, "X0"), _numbers(header, "Delta_X")
     timed = set(header.get("X_Dimension", [])) <= {"Time", ""}
-    if x_columns == "No" and timed and len(begins) == len(steps) == 1:
-        begin, step = begins.pop(), steps.pop()
+    channels = [c for c in part.columns if not _X_VALUE.fullmatch(c.heading)]
+    waves = [(b, s) for b, s in zip(begins, steps, strict=False) if b is not None and s]
+    if timed and x_columns != "One" and len(set(waves)) > 1 and len(waves) == len(channels):
+        part.said = [text for text in part.said if not text.endswith(": 'X_Value'")]
+        part.columns, part.start_s = channels, min(begin for begin, _ in waves)
+        for column, wave in zip(channels, waves, strict=True):
+            column.wave = wave
+    elif x_columns == "No" and timed and len(set(begins)) == len(set(steps)) == 1:
+        begin, step = begins[0], steps[0]
         if begin is not None and step is not None and step > 0.0:
             rows = len(part.columns[0].values)
             part.said = [text for text in part.said if not text.endswith(": 'X_Value'")]
             part.columns.insert(0, Column("X_Value", begin + step * np.arange(rows), "s", number=0))
     elif timed:
         for column in part.columns:
-            if re.fullmatch(r"X_Value(\.\d+)?", column.heading):
+            if _X_VALUE.fullmatch(column.heading):
                 column.unit = column.unit or "s"
 
 
 def _add_units(part: Sheet, header: Header) -> None:
     """Give each channel whose heading states no unit the one in the header."""
     units = header.get("Y_Unit_Label", [])
-    channels = [c for c in part.columns if not re.fullmatch(r"X_Value(\.\d+)?", c.heading)]
+    channels = [c for c in part.columns if not _X_VALUE.fullmatch(c.heading)]
     of = channels if len(units) == len(channels) else part.columns  # with a field for each time
     above = {number: unit for number, unit in enumerate(units, 1) if unit}
     if len(units) == len(of):
@@ -119,6 +128,11 @@ def _joined(
                 f"{name}: line {place}: this segment holds other channels than the first one: cut "
                 "the file there into two"
             )
+    if len(parts) > 1 and any(column.wave for column in first.columns):
+        raise BadRecording(
+            f"{name}: its channels begin at different times, in {len(parts)} segments: cut the "
+            "file into one for each segment"
+        )
     sizes = np.cumsum([0] + [len(part.columns[0].values) for part in parts])
 
     def where(row: int) -> str:
@@ -130,4 +144,4 @@ def _joined(
         for j, c in enumerate(first.columns)
     ]
     said = [*first.said, *([f"{len(parts)} segments"] if len(parts) > 1 else [])]
-    return Sheet(columns, notes, said=said, where=where)
+    return Sheet(columns, notes, start_s=first.start_s, said=said, where=where)

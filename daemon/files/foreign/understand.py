@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dehyst.daemon.files.foreign.blank import refuse_blank
 from dehyst.daemon.files.foreign.choose import choose_columns, describe_column, path_of
 from dehyst.daemon.files.foreign.counted import counter_with_gaps, divided_by
 from dehyst.daemon.files.foreign.epochs import continued, is_packed_clock, join_clocks
@@ -80,6 +81,7 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
         named = {role: wanted for role, wanted in reading.columns.items() if role != "t"}
         columns, reading, asked = own_times, replace(reading, columns=named), []
         chosen = choose_columns(name, columns, reading, wants, asked)
+    refuse_blank(name, found, columns, chosen, reading)
     columns, chosen = on_common_rows(name, columns, chosen, found, reading)
     out: dict[str, Floats] = {}
     said: list[str] = []

@@ -291,9 +291,9 @@ def test_segments_of_labview_that_each_begin_at_0_are_recordings(tmp_path: Path)
     assert all(part.t_s[0] == 0.0 for part in parts)
 
 
-def test_labview_with_a_step_for_each_channel_is_asked_for(tmp_path: Path) -> None:
+def test_labview_with_a_step_for_each_channel_is_refused(tmp_path: Path) -> None:
     lines = [line.replace("Delta_X\t0,005\t0,005", "Delta_X\t0,005\t0,01") for line in lvm("No", 1)]
-    assert "add --rate HZ" in asked(write(tmp_path / "a.lvm", *lines))
+    assert "a row each 0.005 s" in asked(write(tmp_path / "a.lvm", *lines))
 
 
 def test_segments_of_labview_with_other_channels_are_refused(tmp_path: Path) -> None:
