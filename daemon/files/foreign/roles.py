@@ -31,6 +31,7 @@ _TIME = {
     "tiempo",
     "elapsed",
     "seconds",
+    "время",
 }
 _TARGET = {
     "target", "setpoint", "soll", "sollwert", "reference", "desired", "commanded", "ref", "setpos",
@@ -45,12 +46,13 @@ _MEASURES = {
     "preamplifier", "messverstärker",
 }  # fmt: skip
 """Words of amplifiers that do not drive: "Charge amplifier (V)"."""
-_VOLTAGE = {"voltage", "volt", "volts", "spannung", "tension", "v"}
+_VOLTAGE = {"voltage", "volt", "volts", "spannung", "tension", "v", "напряжение"}
 _DISPLACEMENT = {
     "y", "displacement", "displ", "disp", "position", "pos", "weg", "auslenkung", "verschiebung",
     "stellweg", "sensor", "gauge", "elongation", "extension", "deflection", "stroke", "measured",
     "interferometer", "strain", "sgs", "capacitive", "vibrometer", "lvdt", "encoder", "deformation",
     "tilt", "angle", "output", "response", "ausgang", "dehnung", "position_measured", "travel",
+    "смещение", "перемещение",
 }  # fmt: skip
 _EITHER = {"measured", "output", "response", "ausgang"}
 """Words that stand for a displacement, unless a voltage is named beside them."""
@@ -58,7 +60,8 @@ _IN = {"input", "inputs", "in", "eingang", "vin", "uin"}
 _OUT = {"output", "outputs", "out", "ausgang", "vout", "uout"}
 """Of the stage or of the instrument: where the column is in volts they do not say which."""
 _ANALOG = {"analog", "analogue", "daq"}
-_DAQ_IN, _DAQ_OUT = {"ai", "adc", "analogeingang"}, {"ao", "dac", "analogausgang"}
+_DAQ_IN = {"ai", "adc", "analogeingang", "acquired", "acquisition"}
+_DAQ_OUT = {"ao", "dac", "analogausgang", "generated", "generation"}
 """Of a data acquisition device, whose output drives and whose input measures."""
 _MONITOR = {"monitor", "mon", "monitored"}
 """Words of an output that shows another voltage divided, which may have a column of its own."""

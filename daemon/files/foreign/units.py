@@ -60,8 +60,8 @@ SPELLED = {
     **dict.fromkeys(("day", "days", "tag", "tage"), "d"),
     **dict.fromkeys(("volt", "volts", "vdc", "v dc", "volt dc", "volts dc"), "v"),
     **dict.fromkeys(("å", "ångström", "ångstrom", "angstroms"), "angstrom"),
-    **dict.fromkeys(("millivolt", "millivolts"), "mv"),
-    **dict.fromkeys(("kilovolt", "kilovolts"), "kv"),
+    **dict.fromkeys(("millivolt", "millivolts", "mvolt", "mvolts"), "mv"),
+    **dict.fromkeys(("kilovolt", "kilovolts", "kvolt", "kvolts"), "kv"),
     **dict.fromkeys(
         (
             "micron", "microns", "micrometer", "micrometers", "micrometre", "micrometres",
@@ -82,7 +82,7 @@ SPELLED = {
 }  # fmt: skip
 
 
-CASE_DECIDES = {"ms", "ns", "mv", "mm", "nm", "pm", "mrad", "ma"}
+CASE_DECIDES = {"ms", "ns", "mv", "mvolt", "mvolts", "mm", "nm", "pm", "mrad", "ma"}
 """Units that mean something else with a capital first letter: MV, Mm, Nm. A heading in capitals
 throughout has them all the same, except for MV: megavolts are written so, too."""
 
@@ -98,6 +98,7 @@ def find_unit_key(text: str) -> str:
     given = text.strip().strip("[](){}<>").partition(" since ")[0].strip()
     for micro in _MICRO:
         given = given.replace(micro, "u")
+    given = _OTHER_SCRIPTS.get(given, given)
     plain = given.lower()
     if plain in CASE_DECIDES and given[0].isupper() and (plain == "mv" or not given.isupper()):
         return ""
@@ -107,8 +108,13 @@ def find_unit_key(text: str) -> str:
 
 _MICRO = ("$\\mu$", "\\mu ", "\\mu{}", "\\mu", "Âµ", "µ", "μ")
 """The sign for micro, in LaTeX, and as it looks if UTF-8 was read as Latin-1."""
-_WIDE = str.maketrans("（）［］", "()[]")
-"""Brackets as they are written in China and Japan."""
+_WIDE = str.maketrans("（）［］，：｜", "()[],:|")
+"""Marks as they are written in China and Japan."""
+_OTHER_SCRIPTS = {
+    "с": "s", "мс": "ms", "мкс": "us", "нс": "ns", "В": "V", "мВ": "mV", "кВ": "kV", "м": "m",
+    "мм": "mm", "мкм": "um", "нм": "nm", "秒": "s", "毫秒": "ms", "微秒": "us", "伏": "V",
+    "毫伏": "mV", "千伏": "kV", "毫米": "mm", "微米": "um", "纳米": "nm",
+}  # fmt: skip
 _BRACKETS = re.compile(r"[\[({<]([^\[\](){}<>]*)(?:[\])}>]|$)")
 _FACTOR = re.compile(r"[x×*·/÷^:]\s*\d|\d\s*[x×*·/÷^]|\de[+-]?\d|[.,]\d|^div.*\d", re.IGNORECASE)
 _FACTOR_OF_NAME = re.compile(
@@ -120,7 +126,12 @@ _FACTOR_OF_NAME = re.compile(
 )
 """A factor that stands with the name of a column. One digit behind an x names an axis, and a number
 between two slashes a group."""
-_BEHIND_A_MARK = re.compile(r"(.*?\S)(\s*(?:/|,|;|:|\bin\b)\s*)(\S+)\s*")
+_BEHIND_A_MARK = re.compile(r"(.*?\S)(\s*(?:[/,;:|='\"]|\bin\b)\s*)(\S+?)['\"]?\s*")
+_CAMEL_UNIT = re.compile(
+    r"(?<=[a-zäöü]{2})(?:In)?"
+    r"((?<=[eptdn])(?:S|[MUN]s)|(?<!torque)(?<!oment)(?:V|Mv|[kK][vV]|[UNMP]m))$"
+)
+"""A unit at the end of "timeMs" or "driveInKv"."""
 _LAST_WORD = re.compile(r"(.*[^\W_].*?|.*[^\W_])[_\s.-]+([^\W\d_]+|°C?|%)\s*")
 LETTERS = {
     "h": re.compile(r"t|times?|zeit|elapsed"),
@@ -129,6 +140,8 @@ LETTERS = {
     "a": re.compile(r"current|strom"),
     "n": re.compile(r"force|kraft"),
     "m": re.compile(r"(?!)"),
+    "с": re.compile(r"t|время"),
+    "в": re.compile(r"u|напряжение"),
 }
 """Units that are also labels, as in "Channel A" and "Sensor_C", and the word after which they are
 units without brackets."""
@@ -137,6 +150,12 @@ _PREFIX = "(?:da|[YZEPTGMkhdcmuµμnpf])"
 _LIKE_A_UNIT = re.compile(
     rf"{_PREFIX}(?:V|m|s|A|C|F|N|W|J|g|T)|{_PREFIX}?(?:bar|Pa|psi|eV|rad|Hz|Ohm|Torr)|inch|mil"
 )
+
+
+_RATIO = re.compile(r"(?<![^\W_])(\w+)\s*/\s*\1_?(?:0|max|nom|ref)\b", re.IGNORECASE)
+_SHORT_BEHIND_A_MARK = re.compile(r"[,;|=]\s*([^\W\d_]{1,4})[.'\"]?$")
+_GLUED = re.compile(r"(?:\d+ ?|(?<![^\W_])[A-Zt])([mkµun]?V|[mµun]s)(?![^\W_])")
+"""A unit that nothing sets apart: "Voltage 10V", "UkV", "tms"."""
 
 
 LONGEST_HEADING = 120
@@ -159,6 +178,7 @@ def read_heading(text: str) -> Heading:
     if len(text) > LONGEST_HEADING:  # matching time grows with the square of the length
         return Heading(text)
     plain = _REPEATED.sub("", text)
+    plain = _CAMEL_UNIT.sub(lambda found: f" {found[1].lower()}", plain)
     plain = plain.rstrip("_.") or plain  # MATLAB and R write "U_mV_" and "U..mV." for "U (mV)"
     if unit := find_unit_key(plain):
         return Heading("", unit) if len(plain) > 1 or unit in ("v", "s") else Heading(text)
@@ -188,7 +208,20 @@ def read_heading(text: str) -> Heading:
             return Heading(word[1].strip(), unit)
         if _is_like_a_unit(word[2]):
             return Heading(word[1].strip(), "", word[2])
-    return Heading(text)
+    return Heading(text, "", _left_over(plain))
+
+
+def _left_over(plain: str) -> str:
+    """Return what may be a unit or a factor in a heading that gives none otherwise, "" if nothing
+    does: "kV Voltage", "UkV", "U, arb", "U/U0"."""
+    if factor := _RATIO.search(plain) or _FACTOR_OF_NAME.search(plain):
+        return factor[0].strip(" _")
+    last = plain.rpartition("/")[2]
+    if short := _SHORT_BEHIND_A_MARK.search(last):
+        return short[1]
+    words = re.findall(r"[^\W\d_]+", f"{last} {re.sub(r'(?<=[a-zäöü])(?=[A-Z])', ' ', last)}")
+    like = [word for word in words if len(word) > 1 and _is_like_a_unit(word)]
+    return next((word[0] for word in _GLUED.finditer(last)), "") or "".join(like[:1])
 
 
 def _factor_beside(plain: str) -> Heading | None:
@@ -233,7 +266,7 @@ def _read_brackets(text: str, plain: str) -> Heading:
     behind = rest.strip(" _/,;:.-").removeprefix("in ")
     name, inside = plain, []
     while found := _BRACKETS.search(name):
-        inside.append(found[1].strip())
+        inside.append(found[1].strip().removeprefix("in "))
         name = f"{name[: found.start()]} {name[found.end() :]}"
     name = " ".join(name.split())
     units = {unit for word in inside if (unit := find_unit_key(word))}

@@ -77,12 +77,14 @@ def test_a_time_in_whole_milliseconds_is_no_counter_of_samples(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    "note", ["Decimation: 10", "Averages per point: 10", "oversampling_ratio = 10", "down-sampling,10"]
+    "note",
+    ["Decimation: 10", "Averages per point: 10", "oversampling_ratio = 10", "down-sampling,10"],
 )
 def test_a_rate_beside_a_decimation_is_asked_for(tmp_path: Path, note: str) -> None:
     rows = ["# Sample rate: 2000 Hz", f"# {note}", *lines(U, Y, head=HEAD[1:])]
     said = asked(write(tmp_path / "a.csv", rows))
-    assert note.replace(",", " ") in said and "add --rate 2000 or --rate 200" in said
+    assert note.replace(",", " ") in said
+    assert "add --rate 2000 or --rate 200" in said
     is_it(read(write(tmp_path / "a.csv", rows), rate_hz=200.0))
     rows[1] = rows[1].replace("10", "1")
     is_it(read(write(tmp_path / "a.csv", rows)), t=T / 10)
@@ -93,3 +95,51 @@ def test_a_rate_beside_a_decimation_is_asked_for(tmp_path: Path, note: str) -> N
 def test_a_decimation_next_to_arrays_is_asked_for(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", fs=2000, decimation=10, drive_v=U, position_um=Y)
     assert "add --rate 2000 or --rate 200" in asked(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize(
+    "heading",
+    [
+        "Voltage|kV", "Voltage=kV", "Voltage 'kV'", "Voltage (in kV)", "VoltageInKV", "driveKv",
+        "Piezo_voltage_kVolt", "U, кВ", "Voltage (кВ)", "Напряжение, кВ", "Voltage（千伏）",
+    ],
+)  # fmt: skip
+def test_a_unit_of_any_script_or_behind_any_mark_is_read(tmp_path: Path, heading: str) -> None:
+    path = write(
+        tmp_path / "a.txt", lines(T, U / 1e3, Y, head=["t, с", heading, HEAD[2]], mark="\t")
+    )
+    is_it(read(path))
+
+
+@pytest.mark.parametrize("heading", ["t, мс", "TimeMs", "timestampInMs", "Время (мс)", "Time|ms"])
+def test_milliseconds_of_any_script_or_behind_any_mark(tmp_path: Path, heading: str) -> None:
+    is_it(
+        read(write(tmp_path / "a.txt", lines(1e3 * T, U, Y, head=[heading, *HEAD[1:]], mark=";")))
+    )
+
+
+@pytest.mark.parametrize(
+    ("heading", "stated"),
+    [
+        ("kV Voltage", "kV"), ("UkV", "UkV"), ("voltageMV", "MV"), ("Voltage_div_1000", "div_1000"),
+        ("U/U0", "U/U0"), ("Voltage 10V", "10V"), ("U, arb", "arb"), ("U, êÂ", "êÂ"),
+    ],
+)  # fmt: skip
+def test_what_may_be_a_unit_or_a_factor_is_not_volts(
+    tmp_path: Path, heading: str, stated: str
+) -> None:
+    path = write(tmp_path / "a.txt", lines(T, U, Y, head=[HEAD[0], heading, HEAD[2]], mark="\t"))
+    said = asked(path)
+    assert f"'{heading}' states '{stated}'" in said
+    assert "add --drive-unit" in said
+    is_it(read(path, drive_unit="v"))
+
+
+@pytest.mark.parametrize(
+    "heading", ["Drive", "driveVoltage", "Voltage CH1", "U1", "Voltage, measured", "AO0", "run_2/U"]
+)
+def test_a_heading_that_holds_nothing_like_a_unit_is_in_volts(tmp_path: Path, heading: str) -> None:
+    path = write(tmp_path / "a.txt", lines(T, U, Y, head=[HEAD[0], heading, HEAD[2]], mark="\t"))
+    found = read(path, {"u": heading})
+    is_it(found)
+    assert "taken as volts" in found.read
