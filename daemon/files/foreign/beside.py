@@ -22,11 +22,19 @@ UNIT_FIELDS = ("unit", "units", "unit_string")
 FACTOR_FIELDS = {
     "scale", "scaling", "scalingfactor", "scalefactor", "factor", "gain", "multiplier",
     "conversion", "conversionfactor", "calibration", "calibrationfactor", "cal", "sensitivity",
-    "slope", "lsb",
+    "slope", "lsb", "yinc", "yincrement",
 }  # fmt: skip
 """Names, without "_", of a number that the numbers beside it may still have to be multiplied by."""
 APPLIED = ("scale_factor", "add_offset")
 """Attributes of the CF conventions, which the reader applies."""
+_FACTOR_IN_WORDS = re.compile(
+    r"(?P<of>(?:[^\W\d_]+ ){0,3}?)(?:gain|scal(?:e|ing)(?:[ _-]?factor)?|multiplier|sensitivity"
+    r"|conversion(?:[ _]factor)?|calibration(?:[ _]factor)?)(?![^\W\d_])",
+    re.IGNORECASE,
+)
+_BY = re.compile(
+    r"(?:multipl|divid)\w+ (?:by|with) \d+(?:\.\d+)?|\d+(?:\.\d+)? ?V/V", re.IGNORECASE
+)
 LABEL_FIELDS = ("label", "name", "title", "long_name")
 LONGEST_LABEL = 60
 _LISTS_NAMES = re.compile(
@@ -59,6 +67,21 @@ def names_beside(
     names = {key: texts for key, texts in fitting.items() if key not in units}
     names = {k: v for k, v in names.items() if _LISTS_NAMES.match(k) and len(set(v)) == width}
     return _one_of(stem, names), _one_of(stem, units)
+
+
+def unit_in_lists(heading: str, lists: Mapping[str, Sequence[str]]) -> str:
+    """Return the unit of a column out of a list of units beside one of names that holds its own, in
+    its group or one within it, as MATLAB keeps those of a table; "" if there is none."""
+    group = group_of(heading)
+    found = {
+        units[names.index(heading[len(group) :])]
+        for key, names in lists.items()
+        if key.startswith(group) and heading[len(group) :] in names and _LISTS_NAMES.match(key)
+        for other, units in lists.items()
+        if group_of(other) == group_of(key) and len(units) == len(names) and _lists_units(units)
+    }
+    unit = found.pop() if len(found) == 1 else ""
+    return "" if states_no_unit(unit) else unit
 
 
 def _lists_units(texts: Sequence[str]) -> bool:
@@ -167,10 +190,23 @@ def factor_beside(heading: str, notes: Mapping[str, str], is_alone: bool) -> str
             continue
         field = rest.lower().replace("_", "")
         factor = _number(text, factor) if field in FACTOR_FIELDS else factor
-        offset = _number(text, offset) if field == "offset" else offset
+        offset = _number(text, offset) if field in ("offset", "yorg", "yorigin") else offset
     if (factor, offset) == (1.0, 0.0):
         return ""
     return f" x {factor:g}" + (f" + {offset:g}" if offset else "")
+
+
+def factor_in_words(notes: Mapping[str, str]) -> str:
+    """Return the line of a preamble that states a factor other than 1 of drive or displacement, ""
+    if none does: "Scale factor,10,2", "HV amplifier gain = 10 V/V", "multiply by 10"."""
+    for text in (f"{name} {value}".strip() for name, value in notes.items()):
+        stated = _FACTOR_IN_WORDS.match(text)
+        if stated and stated["of"] and not role_of(stated["of"], "")[0]:
+            stated = None
+        rest = text[stated.end() :] if stated else "".join(_BY.findall(text)[:1])
+        if any(float(number) != 1.0 for number in re.findall(r"\d+(?:\.\d+)?", rest)):
+            return text[:60]
+    return ""
 
 
 def _number(text: str, otherwise: float) -> float:

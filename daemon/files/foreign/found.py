@@ -47,6 +47,7 @@ class Sheet:
     start_s: float = 0.0
     said: list[str] = field(default_factory=list)
     where: Callable[[int], str] = field(default=lambda row: f"row {row + 1}")
+    factor: str = ""
     blank: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:

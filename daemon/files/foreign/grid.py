@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS
-from dehyst.daemon.files.foreign.beside import UNIT_FIELDS
+from dehyst.daemon.files.foreign.beside import UNIT_FIELDS, factor_in_words
 from dehyst.daemon.files.foreign.epochs import count_from_first, epoch_unit, is_rising
 from dehyst.daemon.files.foreign.fields import moment_of, number_of
 from dehyst.daemon.files.foreign.found import Column, Sheet
@@ -275,6 +275,7 @@ def sheet_of(
         layout.step_s,
         layout.start_s,
         where=where,
+        factor=factor_in_words(layout.notes),
     )
     found.blank = [h for h, of in zip(layout.headings, layout.numeric, strict=True) if h and not of]
     note_form(found, layout, texts)

@@ -6,14 +6,14 @@ stated in that line.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dehyst.daemon.files.foreign.blank import refuse_blank
 from dehyst.daemon.files.foreign.choose import choose_columns, describe_column, path_of
-from dehyst.daemon.files.foreign.counted import counter_with_gaps, divided_by
+from dehyst.daemon.files.foreign.counted import count_time
 from dehyst.daemon.files.foreign.epochs import continued, is_packed_clock, join_clocks
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
@@ -86,7 +86,7 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
     out: dict[str, Floats] = {}
     said: list[str] = []
     if reading.rate_hz or "t" not in chosen:
-        _count_time(columns, [*chosen.values()], found, reading, out, said, asked)
+        count_time(columns, [*chosen.values()], found, reading, out, said, asked)
     else:
         _take_time(columns[chosen["t"]], found, reading, out, said, asked)
     for role in ("u", "y", "target"):
@@ -96,6 +96,8 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
             _take(role, columns[chosen[role]], given, elsewhere, out, said, asked)
     for channel in [name for name in chosen if name not in NAMES]:
         _keep_as(channel, columns[chosen[channel]], out, said, asked)
+    if found.factor:
+        _ask_of_factor(found.factor, chosen, reading, asked)
     if asked:
         raise BadRecording(f"{name}: {'; '.join(asked)}")
     for i, column in enumerate(columns):
@@ -145,46 +147,6 @@ def _two_units(column: Column) -> list[str]:
     inside, apart = read_heading(column.heading), find_unit_key(column.unit)
     unit = inside.unit or (inside.stated if is_other_unit(inside.stated) else "")
     return [unit, apart] if unit and apart and unit != apart else []
-
-
-def _count_time(
-    columns: Sequence[Column],
-    taken: Sequence[int],
-    found: Sheet,
-    reading: ReadOptions,
-    out: dict[str, Floats],
-    said: list[str],
-    asked: list[str],
-) -> None:
-    """Count the times of rows without a time of their own. taken: columns that are chosen."""
-    step_s, (note, divisor) = found.step_s, divided_by(found.notes)
-    if reading.rate_hz:
-        step_s, source = 1.0 / reading.rate_hz, "--rate"
-    elif reading.time_unit and step_s > 0.0:
-        asked.append(
-            f"--time-unit {reading.time_unit}: there is no column of times; the file states a "
-            f"period of {step_s:.6g} s, which --rate HZ replaces"
-        )
-        return
-    elif step_s > 0.0 and note:
-        asked.append(
-            f"the file states {1.0 / step_s:.6g} Hz and '{note}', and does not say which rate "
-            f"the rows have: add --rate {1.0 / step_s:.6g} or --rate {1.0 / step_s / divisor:.6g}"
-        )
-        return
-    else:
-        source = "the file's own period"
-    if step_s > 0.0:
-        heading, count = counter_with_gaps(columns, taken)
-        rows = count if heading else np.arange(len(columns[0].values))
-        out["t_s"] = np.asarray(found.start_s + step_s * rows, dtype=np.float64)
-        each = f"a count of '{heading[:40]}'" if heading else "a row"
-        said.append(f"t from {source} ({step_s:.6g} s {each})")
-        if heading:
-            lost = int(count[-1]) + 1 - count.size
-            found.said.append(f"'{heading[:40]}' leaves out {lost} samples, and so do the times")
-    elif not any("columns t=" in text or "no column holds times" in text for text in asked):
-        asked.append("no column of times: add --rate HZ (rows a second), or --columns t=...")
 
 
 def _take_time(
@@ -343,6 +305,19 @@ def _take(
         label += f" in {kept}" if "taken as" not in label else ""
     out[f"{role}_{kept}"] = values
     said.append(f"{NAMES[role]} from {label}")
+
+
+def _ask_of_factor(
+    factor: str, chosen: Mapping[str, int], reading: ReadOptions, asked: list[str]
+) -> None:
+    """Ask for the units of numbers that a factor in the words of a preamble may belong to."""
+    given = {"u": ("--drive-unit", reading.drive_unit), "y": ("--unit", reading.unit)}
+    missing = [option for role, (option, unit) in given.items() if role in chosen and not unit]
+    if missing:
+        asked.append(
+            f"the file states '{factor}', which is not applied: add {' and '.join(missing)}, the "
+            "unit of the numbers as they are"
+        )
 
 
 def _unit_elsewhere(found: Sheet, columns: Sequence[Column]) -> str:

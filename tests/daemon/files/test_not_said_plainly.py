@@ -143,3 +143,26 @@ def test_a_heading_that_holds_nothing_like_a_unit_is_in_volts(tmp_path: Path, he
     found = read(path, {"u": heading})
     is_it(found)
     assert "taken as volts" in found.read
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Gain,10,2", "Scale factor,1,0.5", "# HV amplifier gain = 10 V/V", "# Sensitivity: 2 um/V",
+        "# Drive is the amplifier input: multiply by 10", "# amplified: 15 V/V",
+    ],
+)  # fmt: skip
+def test_a_factor_in_the_words_of_a_preamble_is_asked_for(tmp_path: Path, line: str) -> None:
+    path = write(tmp_path / "a.csv", [line, *lines(T, U, Y)])
+    said = asked(path)
+    assert "which is not applied: add --drive-unit and --unit" in said
+    assert line.strip("# ").replace(",", " ") in said
+    is_it(read(path, drive_unit="v", unit="um"))
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["Gain,1,1.0", "Vertical Scale,20,2", "# scale: linear", "# fs 200, PID gain 10", "# gain"],
+)
+def test_words_of_a_factor_that_say_none_are_harmless(tmp_path: Path, line: str) -> None:
+    is_it(read(write(tmp_path / "a.csv", [line, *lines(T, U, Y)])))
