@@ -21,6 +21,7 @@ from dehyst.daemon.files.foreign.roles import (
     BY_WORD,
     NAMES,
     daq_side,
+    is_real,
     kind_of,
     may_be_drive,
     named_axis,
@@ -80,6 +81,8 @@ def choose_columns(
         elif found and (role in wants or role in "tuy"):
             names = ", ".join(describe_column(columns[i]) for i in found[:4])
             both = both or (role == "u" and not _holds(roles, "y") and "y" not in chosen)
+            moving = [i for i in found if _moves(columns[i])]
+            found = moving if len(moving) > both else found
             advised |= {"u": found[0], "y": found[-1]} if both else {}
             if not both:
                 others = [i for i in found if i not in advised.values()]
@@ -250,7 +253,8 @@ def _name(columns: Sequence[Column], i: int) -> str:
     heading = columns[i].heading
     unique = sum(column.heading.lower() == heading.lower() for column in columns) == 1
     short = 0 < len(heading) <= 40
-    if not (unique and short and heading.isprintable() and '"' not in heading):
+    typed = heading.isprintable() and not re.search(r"[\"$`\\!,]", heading)  # in a shell's quotes
+    if not (unique and short and typed):
         return str(columns[i].number)
     plain = re.fullmatch(r"[\w.]+", heading) and not heading.isdecimal()
     return heading if plain else f'"{heading}"'
@@ -260,15 +264,15 @@ def _most_like(
     columns: Sequence[Column], of: Sequence[int], role: str, others: Mapping[str, int]
 ) -> int:
     """Return the candidate to advise: the one of the same axis or number as the other column of
-    drive and displacement, a length for the displacement."""
+    drive and displacement, a length for the displacement, what was measured."""
     other = others.get("y" if role == "u" else "u")
     beside = _marks(columns[other].heading) if other is not None else set()
 
-    def fits(i: int) -> tuple[int, bool, bool]:
+    def fits(i: int) -> tuple[int, bool, bool, bool]:
         heading = columns[i].heading
         kind = kind_of(heading, find_unit_key(columns[i].unit))
         moves = role == "y" and kind in (LENGTH, ANGLE)
-        return len(_marks(heading) & beside), moves, not shows_another(heading)
+        return len(_marks(heading) & beside), moves, is_real(heading), not shows_another(heading)
 
     return max(of, key=fits)
 

@@ -35,6 +35,7 @@ _TIME = {
 }
 _TARGET = {
     "target", "setpoint", "soll", "sollwert", "reference", "desired", "commanded", "ref", "setpos",
+    "demand", "demanded", "ziel", "consigne",
 }  # fmt: skip
 _DRIVE = {
     "u", "drive", "input", "driving", "applied", "excitation", "actuation", "ansteuerung", "hv",
@@ -67,13 +68,19 @@ _MONITOR = {"monitor", "mon", "monitored"}
 """Words of an output that shows another voltage divided, which may have a column of its own."""
 _NEITHER = {
     "model", "status", "state", "mode", "temp", "temperature", "temperatur", "error", "flag", "std",
-    "noise", "wavelength", "thickness", "battery", "supply", "alarm",
+    "noise", "wavelength", "thickness", "battery", "supply", "alarm", "expected", "nominal",
+    "simulated", "simulation", "sim", "predicted", "prediction", "hat", "fit", "fitted", "residual",
+    "residuals",
 }  # fmt: skip
 """Words of what is neither drive nor displacement, such as the prediction of a model."""
 _ROW = {
     "", "index", "idx", "no", "nr", "n", "row", "sample", "samples", "point", "sequence", "seq",
     "scan",
 }  # fmt: skip
+_REAL = {"actual", "measured", "ist", "mesure", "mesuré", "mesurée", "gemessen", "readback"}
+"""Words of what was measured, next to what was wanted or calculated."""
+_COMPOUND = re.compile(r"(soll|ziel|ist)?\w*?(spannung|position|auslenkung)")
+"""A word of German that is made of others: "Istposition"."""
 _PLAIN = re.compile(rf"(?:(t)_s|(u|y|target)_(?:{'|'.join(UNIT_NAMES)}))")
 
 
@@ -84,7 +91,8 @@ def words_of(name: str) -> set[str]:
     single = re.sub(r"[^./]+\.\d+\.", "", last)
     apart = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", single)
     words = set(re.findall(r"[^\W\d_]+", apart.lower()))
-    return words | {"spannung" for w in words if w.endswith("spannung")}
+    made = [found for word in words if (found := _COMPOUND.fullmatch(word))]
+    return words | {part for found in made for part in found.groups("")} - {""}
 
 
 def _words(heading: str) -> set[str]:
@@ -182,6 +190,11 @@ def may_be_drive(heading: str, unit: str) -> bool:
 def shows_another(heading: str) -> bool:
     """Return whether a heading is that of a monitor, which shows another voltage divided."""
     return bool(_words(heading) & _MONITOR)
+
+
+def is_real(heading: str) -> bool:
+    """Return whether a heading says that its numbers were measured: "Actual position"."""
+    return bool(_words(heading) & _REAL)
 
 
 def counts_rows(heading: str) -> bool:

@@ -166,3 +166,36 @@ def test_a_factor_in_the_words_of_a_preamble_is_asked_for(tmp_path: Path, line: 
 )
 def test_words_of_a_factor_that_say_none_are_harmless(tmp_path: Path, line: str) -> None:
     is_it(read(write(tmp_path / "a.csv", [line, *lines(T, U, Y)])))
+
+
+@pytest.mark.parametrize(
+    ("other", "real"),
+    [
+        ("Expected position (um)", "Actual position (um)"), ("s nominal (um)", "s actual (um)"),
+        ("Demand position (um)", "Position (um)"), ("Zielposition (um)", "Istposition (um)"),
+        ("consigne (um)", "mesure (um)"), ("y_hat (um)", "y (um)"), ("Fit (um)", "Weg (um)"),
+        ("Simulated displacement (um)", "Measured displacement (um)"),
+    ],
+)  # fmt: skip
+def test_what_was_wanted_or_calculated_is_no_measurement(
+    tmp_path: Path, other: str, real: str
+) -> None:
+    head = [*HEAD[:2], other, real]
+    is_it(read(write(tmp_path / "a.csv", lines(T, U, 2 * Y, Y, head=head))))
+
+
+def test_what_stands_still_is_not_advised_as_the_drive(tmp_path: Path) -> None:
+    head = [HEAD[0], "Bias voltage (V)", "Signal voltage (V)", HEAD[2]]
+    said = asked(write(tmp_path / "a.csv", lines(T, 0 * U + 50, U, Y, head=head)))
+    assert 'add --columns u="Signal voltage (V)"' in said
+    head = [*HEAD[:2], "Raw displacement (um)", "Displacement readback (um)"]
+    said = asked(write(tmp_path / "a.csv", lines(T, U, 2 * Y, Y, head=head)))
+    assert 'add --columns y="Displacement readback (um)"' in said
+
+
+@pytest.mark.parametrize("names", [("Ch 1, V", "Ch 2, V"), ("$CH1 (V)", "$CH2 (V)"), ("a`b", "c!")])
+def test_a_heading_that_a_shell_does_not_keep_is_advised_by_number(
+    tmp_path: Path, names: tuple[str, str]
+) -> None:
+    path = write(tmp_path / "a.csv", lines(T, U, Y, head=[HEAD[0], *names], mark=";"))
+    assert asked(path, unit="um", drive_unit="v").endswith(("u=1,y=2", "u=1"))
