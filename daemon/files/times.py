@@ -74,6 +74,12 @@ def repair_times(
             f"{name}: {where(int(back[0]))}: the time goes back, and {back.size} times in all; is "
             "this the column of the time? --columns t=... names another, --rate HZ counts the rows"
         )
+    first, second = (t_s[begin:end] for begin, end in pairwise([*cuts, t_s.size][:3]))
+    if np.array_equal(first, second) and first[0] > np.ptp(first):  # of a clock, not from 0 again
+        raise BadRecording(
+            f"{name}: at {where(cuts[1])} the same times come again: one channel stands below the "
+            "other; write each to a column of its own, next to one column of times"
+        )
     out = t_s.copy()
     keep = np.ones(t_s.size, dtype=bool)
     for begin, end in pairwise(cuts):

@@ -25,6 +25,7 @@ from dehyst.daemon.files.foreign.headings import (
     texts_of,
     without_mark,
 )
+from dehyst.daemon.files.foreign.long import refuse_long
 from dehyst.daemon.files.foreign.runs import (
     MISSING,
     NUMBER,
@@ -89,7 +90,10 @@ def lay_out(
         raise BadRecording(f"{name}: {width} columns; at most {MOST_COLUMNS} are read{TURNED}")
     above = [(i, row) for i, row in enumerate(rows[:first]) if length_of(row)]
     kinds = [kinds_of(row, decimal) for row in rows[first:]]
-    found = find_names(above, _numbers(rows[first:], kinds, width, decimal), split)
+    own = _width_of_most(kinds, width)
+    found = find_names(above, _numbers(rows[first:], kinds, own, decimal), split)
+    beside = [""] * (width - len(found.headings))
+    found.headings, found.units = found.headings + beside, found.units + beside
     notes: dict[str, str] = {}
     left = [(i, without_mark(row)) for i, row in above if i not in found.lines]
     for i, row in left[:200]:
@@ -114,6 +118,12 @@ def lay_out(
         late[j] or numbers[j] > ((1 - MOSTLY_TEXT) * max(numbers) if texts[j] else 0)
         for j in range(width)
     ]
+    if any(found.headings):  # a small table at the right of the recording
+        numeric = [
+            numeric[j] and (j < own or bool(found.headings[j]) or 2 * numbers[j] > max(numbers))
+            for j in range(width)
+        ]
+    refuse_long(name, rows[first:], numeric, found.headings)
     unit_texts = _units_in_rows(rows[first:], numeric)
     for j, unit in unit_texts.items():
         found.units[j - 1] = found.units[j - 1] or unit
@@ -131,6 +141,19 @@ def lay_out(
         decimal=decimal,
         unclear=unclear,
         header=found.header,
+    )
+
+
+def _width_of_most(kinds: Sequence[Sequence[int]], width: int) -> int:
+    """Return the number of columns up to the last one that holds numbers in most rows."""
+    rows = sum(NUMBER in kind for kind in kinds)
+    return max(
+        (
+            j + 1
+            for j in range(width)
+            if 2 * sum(len(kind) > j and kind[j] == NUMBER for kind in kinds) > rows
+        ),
+        default=width,
     )
 
 

@@ -33,6 +33,7 @@ from dehyst.daemon.files.foreign.grid import (
     sheet_of,
 )
 from dehyst.daemon.files.foreign.headings import ways_to_split
+from dehyst.daemon.files.foreign.long import refuse_next_variable
 from dehyst.daemon.files.foreign.lvm import is_lvm, read_lvm
 from dehyst.daemon.files.foreign.roles import role_of
 from dehyst.daemon.files.foreign.runs import NUMBER, find_decimal, kinds_of, score
@@ -249,6 +250,7 @@ def _without_notes(
             row = split(lines[i].strip().partition(" #")[0])
         if lines[i].lstrip()[:1] in ("#", "%", "!") and not is_missing(row[0].strip()):
             refuse_other_headings(name, layout, row, f"line {above + i + 1}")
+            refuse_next_variable(name, lines[i], f"line {above + i + 1}")
             cells = split(lines[i].lstrip("#%! \t"))
             if len(cells) > 1 and kinds_of(cells, layout.decimal).count(NUMBER) == len(cells):
                 marked.append(i)
