@@ -101,7 +101,7 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
     if verdict == "explained" and not (
         written.explains(noise, one.removed)
         and are_times_known(found.problem, found.accepted)
-        and not _is_shape_of_one_waveform(data, findings)
+        and not _is_shape_known_here_only(data, written, findings)
     ):
         verdict = "partly"
     ranked = tuple(sort_by_strength(findings))
@@ -167,11 +167,14 @@ def _is_needless(finding: Finding, written: WrittenModel, noise: float) -> bool:
     return finding.share >= TUNING.minor and left < TUNING.half * finding.share * before
 
 
-def _is_shape_of_one_waveform(data: Data, findings: Sequence[Finding]) -> bool:
-    """Return whether a single recording's misfit is the loop's shape in more than a small part: of
-    another waveform's loops it says nothing."""
+def _is_shape_known_here_only(
+    data: Data, written: WrittenModel, findings: Sequence[Finding]
+) -> bool:
+    """Return whether more than a small part of the misfit is the loop's shape, of which a single
+    recording says nothing for another waveform, or which the written model does not contain."""
     shapes = [f.share for f in findings if f.name == "shape"]
-    return len(data.names) == 1 and max(shapes, default=0.0) >= TUNING.minor
+    here_only = len(data.names) == 1 or not written.contains_shape
+    return here_only and max(shapes, default=0.0) >= TUNING.minor
 
 
 def _with_stage_change(conclusion: Conclusion, episode: Episode | None) -> Conclusion:

@@ -159,6 +159,24 @@ def test_an_effect_is_tried_in_one_form_at_a_time() -> None:
         assert not remaining(Effect(by_key[key], theta)) & drifts
 
 
+def test_nothing_is_explained_by_a_shape_that_is_not_written() -> None:
+    """Loops of one size do not show what others are like, so no model of their shape is written;
+    little more than the noise is left of the recordings all the same."""
+    u = 5 + 3 * np.sin(2 * np.pi * T) + 1.5 * np.sin(4 * np.pi * T)
+    given = []
+    for k in range(2):
+        other = 5 + 4 * np.sin(2 * np.pi * (2.3 + k) * T)
+        y = plain(u) + 2.5 * NOISE_UM * ((u - 5) / 4.5) ** 3 + 0.01 * other
+        given.append(Recording(T, u, noisy(y, k), channels={"other_v": other}, name=f"r{k}.csv"))
+    d = diagnose_without_limits(given, model_of(plain))
+    by = {f.name: f for f in d.findings}
+    assert {"shape", "coupling"} <= by.keys()
+    assert by["shape"].share > 0.12
+    assert "does not contain it" in by["shape"].says
+    assert d.rms["heldout_augmented"] < 1.4 * d.noise
+    assert d.verdict == "partly"
+
+
 def test_a_drive_held_after_its_row_is_a_sample_late() -> None:
     """The recorder writes a command with the reading of the moment before it: a mode is one sample
     late, which no lag is."""

@@ -433,6 +433,13 @@ CHANGES = [
             "a shape is said to remove more than the model in use leaves, and takes every share",
         ),
         Change(
+            "explained-by-what-is-not-written",
+            "models/diagnosis/verdict.py",
+            "here_only = len(data.names) == 1 or not written.contains_shape",
+            "here_only = len(data.names) == 1",
+            "a misfit is explained by a shape that the written model does not contain",
+        ),
+        Change(
             "base-takes-its-part",
             SEARCHED,
             "    result = _without_base_if_as_good(result, say)\n",

@@ -233,7 +233,7 @@ def figures(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
     out = {"model": float(np.sqrt(np.mean(errors**2)))}
     for key, model in (("held_model", base), ("held_augmented", diagnosis.model)):
         error = _error(case, HELD, model, lines)
-        out[key] = float(np.sqrt(np.mean(error[int(SETTLED * error.size) :] ** 2)))
+        out[key] = float(np.std(error[int(SETTLED * error.size) :]))
     noise = case.noise
     return {k: v / noise for k, v in out.items()} | {
         "noise": noise,
