@@ -25,7 +25,7 @@ from dehyst.daemon.files.csv_table import (
     line_of_row,
     read_table,
 )
-from dehyst.daemon.files.foreign.apart import NEEDS, read_apart
+from dehyst.daemon.files.foreign.apart import DAMAGED, NEEDS, read_apart
 from dehyst.daemon.files.foreign.arrays import found_in, of_one_length
 from dehyst.daemon.files.foreign.fields import number_of
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet
@@ -153,6 +153,8 @@ def _remedy_for(path: Path) -> str:
     kind, text = _content_of(path)
     if path.suffix.lower() in ARCHIVES:
         return "unpack it, and name the recordings in it"
+    if kind == "<":
+        return "it holds HTML or XML: save it as .csv or .xlsx in a program of spreadsheets"
     if kind or text:
         return f"it begins as {'text does' if text else f'a {kind} does'}: rename it to " + (
             kind or ".txt"
@@ -359,8 +361,8 @@ def _carefully(path: Path, kind: str, read: Callable[[], Any]) -> Any:
     except BadRecording:
         raise
     except Exception as error:
-        why = " ".join(str(error).split())[:200] or type(error).__name__
-        if "Python objects" in why:
+        why = (isinstance(error, OSError) and error.errno and error.strerror) or DAMAGED
+        if "Python objects" in str(error):
             why = "it holds Python objects; save their arrays by numpy.savez(FILE, t=..., u=...)"
         raise BadRecording(f"{path}: not an {kind} file that can be read: {why}") from None
 

@@ -166,10 +166,11 @@ def read_mcap(path: Path, unfinished: bool = False) -> tuple[dict[str, Floats], 
         RuntimeError,
         OverflowError,
         MemoryError,
-    ) as error:
+    ):
         if not (unfinished and times):
-            why = f": {error}" if str(error) else ""
-            raise BadRecording(f"{path}: not an MCAP file that can be read{why}") from None
+            raise BadRecording(
+                f"{path}: not an MCAP file that can be read: it is cut short or damaged"
+            ) from None
     arrays = {name: np.array(values, dtype=np.float64) for name, values in columns.items()}
     if times and "t_s" not in arrays:
         arrays = {"t_s": (np.array(times) - times[0]) / NS, **arrays}

@@ -111,9 +111,10 @@ def _of_npz(path: Path) -> tuple[dict[str, Floats], dict[str, str]]:
     try:
         with path.open("rb") as file:
             names, notes, blocks = read_blocks(file)
-    except Exception as error:  # numpy raises different exceptions on a damaged header
-        why = " ".join(str(error).split())[:200]
-        raise BadRecording(f"{path.name}: not an .npz file that can be read: {why}") from None
+    except Exception:  # numpy raises different exceptions on a damaged header
+        raise BadRecording(
+            f"{path.name}: not an .npz file that can be read: it is cut short or damaged"
+        ) from None
     if not blocks:
         raise BadRecording(f"{path.name}: it contains no complete row")
     whole = np.concatenate(blocks)

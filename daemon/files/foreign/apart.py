@@ -42,6 +42,10 @@ NEEDS = {
 """(description, library that reads it, extra of dehyst that installs it) by suffix."""
 
 
+DAMAGED = "it is cut short or damaged"
+"""All that a library's exception is certain to mean: its own words say nothing to a user."""
+
+
 def read_apart(path: Path) -> Sheet:
     """Return the columns of a file of one of these kinds. Raises BadRecording if the library is not
     installed, cannot read the file, or crashes on it."""
@@ -58,13 +62,11 @@ def read_apart(path: Path) -> Sheet:
             )
         if done.returncode == 3:
             raise BadRecording(f"{path}: {done.stdout.strip()}")
-        if done.returncode == 4:
-            why = done.stdout.strip()[:200]
+        if done.returncode == 4:  # in words of the system, or none
+            why = done.stdout.strip()[:200] or DAMAGED
             raise BadRecording(f"{path}: not {what} that can be read: {why}")
         if done.returncode:
-            words = done.stderr.strip().splitlines()
-            why = words[-1][:200] if words and done.returncode > 0 else "its reader crashed on it"
-            raise BadRecording(f"{path}: not {what} that can be read: {why}")
+            raise BadRecording(f"{path}: not {what} that can be read: {DAMAGED}")
         with np.load(target, allow_pickle=False) as data:
             head = json.loads(str(data["head"]))
             columns = [
@@ -115,7 +117,7 @@ def main(source: str, target: str) -> None:
         print("it unpacks to more than can be read; cut it into several files")
         sys.exit(3)
     except Exception as error:  # a damaged file raises different exceptions in the libraries
-        print(" ".join(f"{type(error).__name__}: {error}".split()))
+        print((error.strerror or "") if isinstance(error, OSError) and error.errno else "")
         sys.exit(4)
     columns = [
         {

@@ -1,7 +1,9 @@
 """Turn named arrays of any shape into columns: structures are flattened, texts become notes."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,13 +18,16 @@ from dehyst.daemon.files.foreign.beside import (
     names_beside,
     period_of_all,
     unit_beside,
+    unit_in_lists,
     wave_beside,
 )
+from dehyst.daemon.files.foreign.blocks import joined_blocks
 from dehyst.daemon.files.foreign.epochs import epoch_unit, is_rising
 from dehyst.daemon.files.foreign.fields import moment_of, number_of
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet, text_of
+from dehyst.daemon.files.foreign.headings import apart
 from dehyst.daemon.files.foreign.roles import role_of
-from dehyst.daemon.files.foreign.units import find_unit_key
+from dehyst.daemon.files.foreign.units import LONGEST_HEADING, find_unit_key
 from dehyst.models.errors import BadRecording
 
 MOST_WIDE = 64  # columns of one two-dimensional array
@@ -40,8 +45,9 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
     solid: list[str] = []  # of more than two dimensions
     lists: dict[str, list[str]] = {}
     wide: list[tuple[Given, list[Column]]] = []
-    for one in arrays:
-        name, array = one.name, _as_array(one.values)
+    given, blocks = joined_blocks([replace(one, values=_as_array(one.values)) for one in arrays])
+    for one in given:
+        name, array = one.name, one.values
         if array.dtype.names:
             for key in array.dtype.names:
                 columns += _columns(f"{name}.{key}".strip("."), one.unit, np.asarray(array[key]))
@@ -68,6 +74,7 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
             break
     for column in columns:
         column.unit = column.unit or unit_beside(column.heading, kept)
+        column.unit = column.unit or unit_in_lists(column.heading, lists)
     for one, of in wide:
         group = group_of(one.name)
         is_alone = sum(group_of(other.name) == group for other, _ in wide) == 1
@@ -83,7 +90,12 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
             f"of more than two dimensions and left out: {', '.join(solid[:5])}: save one run of "
             "it, a column for each channel"
         )
-    if left := [name for name in left if name not in used]:
+    if blocks:
+        found.said.append(
+            f"of two dimensions, in an order that no times show, and left out: "
+            f"{', '.join(blocks[:5])}: save the samples of one run one after another"
+        )
+    if left := [name for name in left if name and name not in used]:
         names = ", ".join(name[:40] for name in left[:5])
         found.said.append(f"without numbers and left out: {names}")
     return found
@@ -159,7 +171,12 @@ def of_one_length(
             f"{name}: {them} do not belong together row by row: bring them to one rate, and write "
             "them to one file with one column of times"
         )
-    size = max(of_wanted or sizes, key=lambda n: ({"t", "u"} <= roles[n], len(roles[n]), n))
+    counts = Counter(column.values.size for column in found.columns)
+
+    def holds(n: int) -> tuple[bool, int, bool, int]:
+        return {"t", "u"} <= roles[n], len(roles[n]), counts[n] > 1, n
+
+    size = max(of_wanted or sizes, key=holds)
     left = [c.heading for c in found.columns if c.values.size != size]
     found.columns = [c for c in found.columns if c.values.size == size]
     found.said.append(
@@ -246,11 +263,27 @@ def by_columns(value: Any) -> Any:
         if len(keys) > 1 and keys == [str(i) for i in range(len(keys))]:
             return by_columns(list(value.values()))
         return {key: by_columns(inner) for key, inner in value.items()}
-    if isinstance(value, list) and len(value) > 1 and all(isinstance(row, dict) for row in value):
+    rows = value if isinstance(value, list) and len(value) > 1 else []
+    if rows and all(isinstance(row, dict) for row in rows):
+        value = [dict(_fields_of(row)) for row in rows]
         names = dict.fromkeys(key for row in value for key in row)
         if all(not isinstance(row.get(key), dict | list) for row in value for key in names):
             return {name: [row.get(name) for row in value] for name in names}
+        return rows
+    head = rows[0] if len(rows) > 2 and isinstance(rows[0], list) else []
+    named = bool(head) and all(isinstance(n, str) and moment_of(n) is None for n in head)
+    if named and all(isinstance(row, list) and len(row) == len(head) for row in rows):
+        return {name: [row[j] for row in rows[1:]] for j, name in enumerate(apart(head))}
     return value
+
+
+def _fields_of(row: Mapping[str, Any], front: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values of nested maps with their path: {"fields": {"u": 1}} has "fields.u"."""
+    for key, inner in row.items():
+        if isinstance(inner, dict) and len(front) < LONGEST_HEADING:
+            yield from _fields_of(inner, f"{front}{key}.")
+        else:
+            yield f"{front}{key}", inner
 
 
 def flattened(value: Any, name: str = "", deep: int = 0) -> Iterator[tuple[str, Any]]:

@@ -55,7 +55,7 @@ class GridLayout:
     notes: the preamble; step_s, start_s: stated by the preamble; decimal: the decimal mark;
     unclear: a field that leaves it open; header: the fields of the line with the headings; form:
     what else is to be said of the form; unit_texts: columns that repeat in each row the unit of the
-    numbers to their left."""
+    numbers to their left; texts: the first field of columns of no numbers that begins as one."""
 
     first: int
     width: int
@@ -71,6 +71,7 @@ class GridLayout:
     header: list[str] = field(default_factory=list)
     form: list[str] = field(default_factory=list)
     unit_texts: dict[int, str] = field(default_factory=dict)
+    texts: dict[int, str] = field(default_factory=dict)
 
 
 def lay_out(
@@ -129,6 +130,7 @@ def lay_out(
         found.units[j - 1] = found.units[j - 1] or unit
     return GridLayout(
         unit_texts=unit_texts,
+        texts=_like_numbers(rows[first:], numeric),
         first=first,
         width=width,
         headings=apart(found.headings),
@@ -165,6 +167,19 @@ def _with_units_below(lines: Sequence[tuple[int, Row]]) -> list[list[str]]:
         if len(here) == len(below) == 2 and below[0].rstrip(":=").strip().lower() in UNIT_FIELDS:
             here.append(below[1])
     return cells
+
+
+def _like_numbers(rows: Sequence[Row], numeric: Sequence[bool]) -> dict[int, str]:
+    """Return the first field of each column without numbers that begins as one does: "706.9m"."""
+    first = {
+        j: [str(row[j]).strip() for row in rows if len(row) > j][:1] for j in range(len(numeric))
+    }
+    return {
+        j: text
+        for j, texts in first.items()
+        for text in texts
+        if not numeric[j] and re.match(r"[-+]?[.,]?\d", text)
+    }
 
 
 def _units_in_rows(rows: Sequence[Row], numeric: Sequence[bool]) -> dict[int, str]:
@@ -332,7 +347,8 @@ def note_form(found: Sheet, layout: GridLayout, texts: int) -> None:
         lines = "1 line" if len(layout.notes) == 1 else f"{len(layout.notes)} lines"
         found.said.append(f"{lines} before the headings kept as notes")
     left = [
-        f"'{layout.headings[j][:40]}'" if layout.headings[j] else f"column {j}"
+        (f"'{layout.headings[j][:40]}'" if layout.headings[j] else f"column {j}")
+        + (f" ({layout.texts[j][:20]!r})" if j in layout.texts else "")
         for j in range(layout.width)
         if not layout.numeric[j]
         and j not in layout.unit_texts

@@ -9,8 +9,8 @@ from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
 
 _UNIT_BEHIND = r"(?:(?:\s*[\[(/]|\s)\s*([^\])]*?)\s*[\])]?)?"
 _STEP = re.compile(
-    r"(?:sampl(?:e|ing) ?(?:interval|period|time)|time ?step|x ?increment|delta [xt]|increment|dt"
-    r"|ts|abtastintervall|abtastzeit)" + _UNIT_BEHIND,
+    r"(?:sampl(?:e|ing) ?(?:interval|period|time)|time ?step|x ?inc(?:rement)?|delta [xt]|increment"
+    r"|dt|ts|abtastintervall|abtastzeit)" + _UNIT_BEHIND,
     re.IGNORECASE,
 )
 _RATE = re.compile(

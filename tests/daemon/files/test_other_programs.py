@@ -131,7 +131,7 @@ def test_a_name_of_several_lines_is_said_in_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.processes
-def test_only_the_error_is_said_of_what_a_library_writes(
+def test_nothing_is_said_of_what_a_library_writes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "a.h5").write_bytes(b"\x89HDF")
@@ -139,7 +139,7 @@ def test_only_the_error_is_said_of_what_a_library_writes(
     assert main(["convert", str(tmp_path / "a.h5"), str(tmp_path / "a.csv")]) == 2
     said = capfd.readouterr()
     assert said.out == ""
-    assert said.err.endswith("can be read: OSError: no such node: \\x1b[2Jat 3€\\udcff\n")
+    assert said.err.endswith("can be read: it is cut short or damaged\n")
     assert said.err.count("\n") == 1
 
 
