@@ -132,8 +132,8 @@ def _settle_part(
         return
     row = begin + int(repeated[0])
     raise BadRecording(
-        f"{name}: {where(row)}: t_s does not increase ({t_s[row]:.9g} twice), and the rows are not "
-        "evenly spaced; --rate HZ counts the rows instead"
+        f"{name}: {where(row)}: the time does not increase ({t_s[row]:.9g} twice), and the rows "
+        "are not evenly spaced; --rate HZ counts the rows instead"
     )
 
 

@@ -48,12 +48,13 @@ def continued(values: Any, clock: bool) -> tuple[Any, list[int]]:
 
 def join_clocks(columns: Sequence[Column]) -> list[Column]:
     """Return the columns with one, of seconds, in place of several that hold the times together,
-    such as "Hour", "Min", "Sec", "msec"; all as they are if there are none."""
+    such as "Hour", "Min", "Sec", "msec", or a clock of whole seconds and "ms"; all as they are if
+    there are none."""
     parts = [
         (c, UNITS[unit][2])
         for c in columns
-        if not c.clock and (unit := find_unit_key(c.unit) or read_heading(c.heading).unit)
-        if UNITS[unit][0] == TIME and _is_part_of_a_clock(c.heading)
+        if (unit := "s" if c.clock else find_unit_key(c.unit) or read_heading(c.heading).unit)
+        if UNITS[unit][0] == TIME and (c.clock or _is_part_of_a_clock(c.heading))
     ]
     scales = [scale for _, scale in parts]
     if len(parts) < 2 or scales != sorted(set(scales), reverse=True):
@@ -64,6 +65,8 @@ def join_clocks(columns: Sequence[Column]) -> list[Column]:
         whole = k == len(values) - 1 or bool(np.all(v == np.round(v)))
         if not (whole and np.all((v >= 0.0) & (v < most))):
             return list(columns)
+    if parts[0][0].clock and np.any(np.diff(values[1])[np.diff(values[0]) == 1.0] >= 0.0):
+        return list(columns)  # not the digits of its seconds, which begin again with each
     heading = " + ".join(c.heading for c, _ in parts)
     whole_days = 86400.0 * np.floor(values[0][0] * scales[0] / 86400.0)  # since 1970, perhaps
     values[0] = values[0] - whole_days / scales[0]

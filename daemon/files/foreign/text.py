@@ -37,6 +37,7 @@ from dehyst.daemon.files.foreign.long import refuse_next_variable
 from dehyst.daemon.files.foreign.lvm import is_lvm, read_lvm
 from dehyst.daemon.files.foreign.roles import role_of
 from dehyst.daemon.files.foreign.runs import NUMBER, find_decimal, kinds_of, score
+from dehyst.daemon.printable import printable
 from dehyst.models.errors import BadRecording
 
 MOST_TEXT = 256 << 20
@@ -137,8 +138,10 @@ def understand_text(
     if not gain:
         if (bare := bare_numbers(lines, places)) is not None:
             return understand_text(name, "\n".join(bare), above - 2)
+        shown = places[len(places) // 2]
         raise BadRecording(
-            f"{name}: holds no rows of numbers separated by commas, semicolons, tabs or blanks"
+            f"{name}: holds no rows of numbers separated by commas, semicolons, tabs or blanks; "
+            f"line {above + shown + 1} is {printable(lines[shown].strip()[:60])!r}"
         )
     split = splitter(separator)
     rows = [split(line) for line in sample]

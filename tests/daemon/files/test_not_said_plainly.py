@@ -228,3 +228,36 @@ def test_a_word_that_changes_with_the_rows_is_kept(tmp_path: Path) -> None:
     words = ["phase", *(f"{'AB'[i % 2]}" for i in range(N))]
     path = write(tmp_path / "a.csv", [f"{r},{w}" for r, w in zip(rows, words, strict=True)])
     is_it(read(path))
+
+
+def test_a_clock_of_whole_seconds_is_joined_with_its_milliseconds(tmp_path: Path) -> None:
+    clock = [f"12:{int(t + 59) // 60:02d}:{int(t + 59) % 60:02d}" for t in T]
+    ms = np.round(1e3 * (T % 1.0)).astype(int)
+    rows = lines(clock, ms, U, Y, head=["Time", "Millisecond", *HEAD[1:]])
+    found = read(write(tmp_path / "a.csv", rows))
+    is_it(found)
+    assert "t from 'Time + Millisecond'" in found.read
+    elapsed = lines(clock[150:], 5 * np.arange(150), U[150:], Y[150:], head=rows[0].split(","))
+    assert "the time does not increase" in asked(write(tmp_path / "b.csv", elapsed), {"t": "Time"})
+
+
+@pytest.mark.parametrize(
+    ("rows", "shown"),
+    [
+        (['"0.0,50.1,3.2"'] * 9, '"0.0,50.1,3.2"'),
+        (['="0.0",="50.1"'] * 9, '="0.0",="50.1"'),
+        (["12:00:00 -> 50.1,3.2"] * 9, "12:00:00 -> 50.1,3.2"),
+    ],
+)
+def test_lines_that_are_no_numbers_are_shown(tmp_path: Path, rows: list[str], shown: str) -> None:
+    assert f"line 6 is '{shown}'" in asked(write(tmp_path / "a.txt", [",".join(HEAD), *rows]))
+
+
+def test_a_field_that_is_no_number_is_shown(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", lines(T, [f"{1e3 * u:.4f}m" for u in U], Y))
+    assert "left out: 'Voltage (V)' ('50000.0000m')" in asked(path)
+
+
+def test_html_under_another_name_is_called_so(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.xls", ["<html><table><tr><td>0.0</td></tr></table></html>"])
+    assert "it holds HTML or XML: save it as .csv or .xlsx" in asked(path)

@@ -31,7 +31,7 @@ DAMAGED = {
     "letters.csv": (b"# a: 1\nt_s,u_v,y_um\n0,1,2\n1,abc,2\n", "line 4: u_v is 'abc'"),
     "backwards.csv": (
         b"t_s,u_v,y_um\n0,1,2\n\n# x\n1,1,2\n1,1,7\n9,1,2\n",
-        "line 6: t_s does not increase",
+        "line 6: the time does not increase",
     ),
     "timegap.csv": (b"t_s,u_v,y_um\n0,1,2\n,1,2\n", "line 3: the time is missing"),
     "short.csv": (b"t_s,u_v,y_um\n0,1,2\n", "1 rows of data"),
@@ -39,7 +39,10 @@ DAMAGED = {
     "unity.csv": (b"t_s,u_v,y_hz\n0,1,2\n1,2,3\n", "y_hz is not a displacement"),
     "huge.csv": (b"t_s,u_v,y_um\n0,1,1e300\n1,2,3\n", "line 2: y_um is 1e+300"),
     "infinite.csv": (b"t_s,u_v,y_um\n0,1,3\n1,inf,3\n", "line 3: u_v is inf"),
-    "semicolons.csv": (b"t_s;u_v;y_um\n0;1;2\n0;1;3\n7;1;3\n", "line 3: t_s does not increase"),
+    "semicolons.csv": (
+        b"t_s;u_v;y_um\n0;1;2\n0;1;3\n7;1;3\n",
+        "line 3: the time does not increase",
+    ),
     "fake.csv.gz": (b"hello", "cannot be read"),
     "cut.csv.gz": (gzip.compress(GOOD * 50)[:60], "cannot be read"),
     "fake.npz": (b"hello", "not an .npz file"),

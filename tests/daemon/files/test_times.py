@@ -41,7 +41,7 @@ def test_rounded_times_of_an_even_rate_come_back(step: float, start: float, roun
 
 def test_rounded_times_with_a_pause_are_not_made_even() -> None:
     true = np.concatenate([0.003 * np.arange(200), 60 + 0.003 * np.arange(200)])
-    with pytest.raises(BadRecording, match=r"line 3: t_s does not increase.*--rate HZ"):
+    with pytest.raises(BadRecording, match=r"line 3: the time does not increase.*--rate HZ"):
         settled(np.round(true, 2))
 
 
@@ -51,7 +51,7 @@ def test_a_row_that_is_written_twice_is_left_out_once() -> None:
     assert times.t_s.tolist() == [0, 1, 2, 3]
     assert times.parts == [(0, 4)]
     assert times.said == ["1 row that is written twice left out"]
-    with pytest.raises(BadRecording, match="line 4: t_s does not increase"):
+    with pytest.raises(BadRecording, match="line 4: the time does not increase"):
         settled(t_s, same=False)
 
 
