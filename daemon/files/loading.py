@@ -153,7 +153,9 @@ def _remedy_for(path: Path) -> str:
     kind, text = _content_of(path)
     if path.suffix.lower() in ARCHIVES:
         return "unpack it, and name the recordings in it"
-    if kind == "<":
+    with path.open("rb") as file:
+        marked = text and file.read(1) == b"<"
+    if marked:
         return "it holds HTML or XML: save it as .csv or .xlsx in a program of spreadsheets"
     if kind or text:
         return f"it begins as {'text does' if text else f'a {kind} does'}: rename it to " + (
