@@ -55,7 +55,8 @@ class GridLayout:
     notes: the preamble; step_s, start_s: stated by the preamble; decimal: the decimal mark;
     unclear: a field that leaves it open; header: the fields of the line with the headings; form:
     what else is to be said of the form; unit_texts: columns that repeat in each row the unit of the
-    numbers to their left; texts: the first field of columns of no numbers that begins as one."""
+    numbers to their left; texts: the first field of columns of no numbers that begins as one;
+    aside: columns of a small table at the right of the recording."""
 
     first: int
     width: int
@@ -72,6 +73,7 @@ class GridLayout:
     form: list[str] = field(default_factory=list)
     unit_texts: dict[int, str] = field(default_factory=dict)
     texts: dict[int, str] = field(default_factory=dict)
+    aside: list[int] = field(default_factory=list)
 
 
 def lay_out(
@@ -119,11 +121,9 @@ def lay_out(
         late[j] or numbers[j] > ((1 - MOSTLY_TEXT) * max(numbers) if texts[j] else 0)
         for j in range(width)
     ]
-    if any(found.headings):  # a small table at the right of the recording
-        numeric = [
-            numeric[j] and (j < own or bool(found.headings[j]) or 2 * numbers[j] > max(numbers))
-            for j in range(width)
-        ]
+    aside = [j for j in range(own, width) if numeric[j] and not found.headings[j]]
+    aside = [j for j in aside if any(found.headings) and 2 * numbers[j] <= max(numbers)]
+    numeric = [of and j not in aside for j, of in enumerate(numeric)]
     refuse_long(name, rows[first:], numeric, found.headings)
     unit_texts = _units_in_rows(rows[first:], numeric)
     for j, unit in unit_texts.items():
@@ -131,6 +131,7 @@ def lay_out(
     return GridLayout(
         unit_texts=unit_texts,
         texts=_like_numbers(rows[first:], numeric),
+        aside=aside,
         first=first,
         width=width,
         headings=apart(found.headings),
@@ -351,11 +352,14 @@ def note_form(found: Sheet, layout: GridLayout, texts: int) -> None:
         + (f" ({layout.texts[j][:20]!r})" if j in layout.texts else "")
         for j in range(layout.width)
         if not layout.numeric[j]
-        and j not in layout.unit_texts
+        and j not in (*layout.unit_texts, *layout.aside)
         and not (layout.late[j] and layout.headings[j].lower() in AT_THE_RIGHT)
     ]
     if left and any(layout.headings):
         found.said.append(f"without numbers and left out: {', '.join(left[:5])}")
+    if layout.aside:
+        aside = ", ".join(f"column {j}" for j in layout.aside)
+        found.said.append(f"with few numbers, beside the recording, and left out: {aside}")
     if texts:
         lines = "1 line" if texts == 1 else f"{texts} lines"
         found.said.append(f"{lines} of text between the numbers left out")

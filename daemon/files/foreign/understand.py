@@ -71,7 +71,9 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
     """Return the recording in a file. wants: which of t, u, y, target are required; the others are
     optional. Raises BadRecording listing what is unknown, and the options that supply it."""
     if not found.columns or not len(found.columns[0].values):
-        raise BadRecording(f"{name}: holds no column of numbers")
+        raise BadRecording(
+            f"{name}: holds no column of numbers: write times, drive and displacement as one each"
+        )
     columns = _without_row_numbers(found.columns, reading)
     if not (reading.rate_hz or "t" in reading.columns):
         columns = join_clocks(columns)
