@@ -141,10 +141,10 @@ CHANGES += room(
         tests=(f"{OTHERS}::test_text_that_is_no_utf_8_is_kept_as_what_can_be_written",),
     ),
     Change(
-        "last-words-are-the-error", f"{FOREIGN}/apart.py", "    except Exception as error:",
-        "    except KeyError as error:",
-        "a library's last warning is shown instead of its error",
-        tests=(f"{OTHERS}::test_only_the_error_is_said_of_what_a_library_writes",),
+        "words-of-a-library-are-said", f"{FOREIGN}/apart.py",
+        'if isinstance(error, OSError) and error.errno else ""', "or error",
+        "of a damaged file an exception of a library is shown",
+        tests=(f"{OTHERS}::test_nothing_is_said_of_what_a_library_writes",),
     ),
     Change(
         "library-for-ever", f"{FOREIGN}/apart.py",
@@ -311,7 +311,7 @@ CHANGES += room(
         "plain = text", "the second column in mV of one name is read in volts",
     ),
     Change(
-        "attribute-in-a-list", f"{FOREIGN}/libraries.py",
+        "attribute-in-a-list", f"{FOREIGN}/attributes.py",
         "one = isinstance(value, np.ndarray) and value.size == 1", "one = False",
         "a unit that an HDF5 file holds as a list of one text is not recognised",
     ),
@@ -385,7 +385,7 @@ CHANGES += room(
     ("tests/daemon/files/test_left_out_parts.py",),
     Change(
         "most-common-length", f"{FOREIGN}/arrays.py",
-        '({"t", "u"} <= roles[n], len(roles[n]), n)', "n",
+        'return {"t", "u"} <= roles[n], len(roles[n]), counts[n] > 1, n', "return n",
         "a longer spectrum is kept, and time, drive and displacement are left out",
     ),
     Change(
@@ -584,6 +584,7 @@ CHANGES += room(
 BESIDE = "tests/daemon/files/test_stated_beside.py"
 ADVICE, WORDS = (f"tests/daemon/files/test_foreign_{name}.py" for name in ("advice", "words"))
 CHOOSE, LIBRARIES = f"{FOREIGN}/choose.py", f"{FOREIGN}/libraries.py"
+ATTRIBUTES = f"{FOREIGN}/attributes.py"
 UNDERSTAND, FIELDS = f"{FOREIGN}/understand.py", f"{FOREIGN}/fields.py"
 CHANGES += room(
     (BESIDE,),
@@ -603,12 +604,12 @@ CHANGES += room(
         "a drive in mV is read as volts, although the file says mV",
     ),
     Change(
-        "packed-is-plain", LIBRARIES,
+        "packed-is-plain", ATTRIBUTES,
         "values = values * (1.0 if factor is None else factor) + (offset or 0.0)",
         "values = values * 1.0", "the counts of a packed HDF5 file are read as micrometres",
     ),
     Change(
-        "fill-value-is-measured", LIBRARIES, "lost = np.isin(values, known)",
+        "fill-value-is-measured", ATTRIBUTES, "lost = np.isin(values, known)",
         "lost = np.isin(values, [])", "-9999, which stands for no value, is read as a displacement",
     ),
     Change(
@@ -617,12 +618,12 @@ CHANGES += room(
         "numbers that a scaling factor belongs to are read without it and without a word",
     ),
     Change(
-        "milliseconds-of-tdms", LIBRARIES, "steps.add(factor * float(step))",
-        "steps.add(float(step))", "a period of 5 ms is read as 5 s",
+        "milliseconds-of-tdms", ATTRIBUTES, "+ later, factor * float(step)",
+        "+ later, float(step)", "a period of 5 ms is read as 5 s",
     ),
     Change(
-        "micrometres-are-a-period", LIBRARIES,
-        "if kind == TIME and isinstance(step, float | int)", "if isinstance(step, float | int)",
+        "micrometres-are-a-period", ATTRIBUTES,
+        "if kind != TIME or not isinstance(step, float | int)", "if not isinstance(step, float | int)",
         "the increment along a path is taken as the sampling period",
     ),
     Change(
@@ -784,7 +785,7 @@ CHANGES += room(
     ),
     Change(
         "remarks-of-attributes-lost", LIBRARIES,
-        "notes.update(_remarks(f\"{name}{'/' if whole else '.'}\", item.attrs))", "pass",
+        "notes.update(remarks(f\"{name}{'/' if whole else '.'}\", item.attrs))", "pass",
         "a drive is read as volts, although its own comment says mV",
     ),
     Change(
@@ -807,7 +808,7 @@ CHANGES += room(
         "cells and arrays of structures of MATLAB 7.3 are left out without a word",
     ),
     Change(
-        "unit-of-a-field-lost", LIBRARIES, "yield Given(name, values, _unit_in(beside))",
+        "unit-of-a-field-lost", LIBRARIES, "yield Given(name, values, unit_in(beside))",
         "yield Given(name, values)", "millivolts in the metadata of a table are taken for volts",
     ),
     Change(
@@ -847,7 +848,7 @@ CHANGES += room(
     ),
     Change(
         "cut-line-is-a-row", TEXT,
-        "if row_before and _is_short(split(lines[-1]), split(lines[-2]), decimal) else 0",
+        "if before and _is_cut(split(lines[-1]), [*map(split, before)], decimal) else 0",
         "if False else 0", "a file whose last line was cut is refused",
     ),
     Change(
@@ -893,7 +894,7 @@ CHANGES += room(
         "a damaged file of 7 KB keeps a command busy for 8 s",
     ),
     Change(
-        "cut-row-is-all", TEXT, "row_before = first < len(lines) - 1", "row_before = True",
+        "cut-row-is-all", TEXT, "cut if before and _is_cut", "cut if cut and _is_cut",
         "a file of one row that was cut ends a command with a traceback",
     ),
     Change(
@@ -1019,8 +1020,8 @@ CHANGES += room(
         "if False:", "a line rate of 1 Hz is read as the rate of the rows",
     ),
     Change(
-        "time-unit-without-times-taken", UNDERSTAND,
-        "not reading.rate_hz and number is None and found.step_s > 0.0:", "False:",
+        "time-unit-without-times-taken", f"{FOREIGN}/counted.py",
+        "elif reading.time_unit and step_s > 0.0:", "elif False:",
         "--time-unit is accepted and does nothing",
     ),
     Change(

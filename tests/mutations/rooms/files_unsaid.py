@@ -1,0 +1,78 @@
+"""Files of other programs: what they do not say plainly is asked for, not guessed."""
+
+from tests.mutations.change import Change, room
+
+FOREIGN = "daemon/files/foreign"
+UNITS, TEXT = f"{FOREIGN}/units.py", f"{FOREIGN}/text.py"
+
+CHANGES = room(
+    ("tests/daemon/files/test_not_said_plainly.py",),
+    Change(
+        "cut-number-is-a-number", TEXT, "    return len(last) < len(before[-1]) or short\n",
+        "    return len(last) < len(before[-1])\n",
+        "the last displacement of a killed logger is 15 instead of 15.97 um",
+    ),
+    Change(
+        "cut-number-in-own-form", "daemon/files/csv_table.py",
+        'if not text.endswith("\\n") and _is_cut(text, before):', "if False:",
+        "the last displacement of a killed recorder is wrong",
+    ),
+    Change(
+        "lost-samples-are-no-gap", f"{FOREIGN}/counted.py",
+        "rows = count if heading else", "rows = count if False else",
+        "a second of lost samples is cut out of the times, and every rate across it is wrong",
+    ),
+    Change(
+        "decimated-at-the-rate-of-the-converter", f"{FOREIGN}/counted.py",
+        "elif step_s > 0.0 and note:", "elif False:",
+        "500 rows a second are read as 5000",
+    ),
+    Change(
+        "unit-left-in-a-heading", UNITS, '    return Heading(text, "", _left_over(plain))',
+        "    return Heading(text)", "kilovolts are taken as volts",
+    ),
+    Change(
+        "unit-of-another-script", UNITS,
+        "given = _OTHER_SCRIPTS.get(given, given)", "pass",
+        "a heading in Russian asks for the unit that it states",
+    ),
+    Change(
+        "gain-in-words-lost", f"{FOREIGN}/understand.py", "    if found.factor:\n", "    if False:\n",
+        "the input of an amplifier is read as the voltage of the stage",
+    ),
+    Change(
+        "heading-that-a-shell-changes", f"{FOREIGN}/choose.py",
+        'not re.search(r"[\\"$`\\\\!,]", heading)', "'\"' not in heading",
+        "the option that a message advises is refused, or names another column",
+    ),
+    Change(
+        "expected-is-measured", f"{FOREIGN}/roles.py",
+        '"alarm", "expected", "nominal",', '"alarm",',
+        "the expected position is advised as the measured one",
+    ),
+    Change(
+        "still-drive-advised", f"{FOREIGN}/choose.py",
+        "found = moving if len(moving) > both else found", "pass",
+        "a bias that stands still is advised as the drive",
+    ),
+    Change(
+        "channels-in-turn-are-rows", f"{FOREIGN}/grid.py",
+        "    refuse_long(name, rows[first:], numeric, found.headings)\n", "",
+        "drive and displacement in turn are written down as one recording",
+    ),
+    Change(
+        "channels-below-each-other-are-parts", "daemon/files/times.py",
+        "if np.array_equal(first, second) and first[0] > np.ptp(first):", "if False:",
+        "drive and displacement of one export are two recordings",
+    ),
+    Change(
+        "milliseconds-of-a-clock-lost", f"{FOREIGN}/epochs.py",
+        'unit := "s" if c.clock else find_unit_key', 'unit := "" if c.clock else find_unit_key',
+        "a clock of whole seconds with its milliseconds in a column is refused",
+    ),
+    Change(
+        "elapsed-added-to-a-clock", f"{FOREIGN}/epochs.py",
+        "if parts[0][0].clock and np.any(", "if False and np.any(",
+        "a time since the start is added to the time of day",
+    ),
+)  # fmt: skip
