@@ -623,7 +623,7 @@ CHANGES += room(
     ),
     Change(
         "micrometres-are-a-period", ATTRIBUTES,
-        "if kind != TIME or not isinstance(step, float | int)", "if not isinstance(step, float | int)",
+        "if kind != TIME or not isinstance", "if not isinstance",
         "the increment along a path is taken as the sampling period",
     ),
     Change(
