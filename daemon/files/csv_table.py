@@ -19,7 +19,7 @@ from typing import BinaryIO, cast
 
 import numpy as np
 
-from dehyst.daemon.files.cut_line import MOST_OTHERS, ends_inside_number
+from dehyst.daemon.files.number_text import MOST_OTHERS, ends_inside_number
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Floats
 

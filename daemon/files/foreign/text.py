@@ -19,7 +19,6 @@ from dehyst.daemon.files.csv_table import (
     TRUSTED_BYTES,
     is_missing,
 )
-from dehyst.daemon.files.cut_line import MOST_OTHERS, ends_inside_number
 from dehyst.daemon.files.foreign.affixes import bare_numbers
 from dehyst.daemon.files.foreign.fields import GROUPED_APART
 from dehyst.daemon.files.foreign.found import Sheet
@@ -37,6 +36,7 @@ from dehyst.daemon.files.foreign.long import refuse_next_variable
 from dehyst.daemon.files.foreign.lvm import is_lvm, read_lvm
 from dehyst.daemon.files.foreign.roles import role_of
 from dehyst.daemon.files.foreign.runs import NUMBER, find_decimal, kinds_of, score
+from dehyst.daemon.files.number_text import MOST_OTHERS, ends_inside_number
 from dehyst.daemon.printable import printable
 from dehyst.models.errors import BadRecording
 

@@ -37,7 +37,8 @@ CHANGES = room(
         "a heading in Russian asks for the unit that it states",
     ),
     Change(
-        "gain-in-words-lost", f"{FOREIGN}/understand.py", "    if found.factor:\n", "    if False:\n",
+        "gain-in-words-lost", f"{FOREIGN}/understand.py",
+        "    if found.factor:\n", "    if False:\n",
         "the input of an amplifier is read as the voltage of the stage",
     ),
     Change(
