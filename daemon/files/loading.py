@@ -25,12 +25,12 @@ from dehyst.daemon.files.csv_table import (
     line_of_row,
     read_table,
 )
-from dehyst.daemon.files.foreign.apart import DAMAGED, NEEDS, read_apart
-from dehyst.daemon.files.foreign.arrays import found_in, of_one_length
+from dehyst.daemon.files.foreign.containers.apart import DAMAGED, NEEDS, read_apart
+from dehyst.daemon.files.foreign.containers.arrays import found_in, of_one_length
+from dehyst.daemon.files.foreign.containers.packed import PACKED, kind_of_zip, unpack
 from dehyst.daemon.files.foreign.fields import number_of
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet
 from dehyst.daemon.files.foreign.no_value import MOST_MISSING, stands_for_none
-from dehyst.daemon.files.foreign.packed import PACKED, kind_of_zip, unpack
 from dehyst.daemon.files.foreign.reading import AS_IT_IS, ReadOptions
 from dehyst.daemon.files.foreign.roles import BY_UNIT, PLAIN, role_of
 from dehyst.daemon.files.foreign.text import read_text_table

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from tests.fuzz import files
 
-from dehyst.daemon.files.foreign import apart, libraries
+from dehyst.daemon.files.foreign.containers import apart, libraries
 from dehyst.daemon.files.foreign.found import Sheet
 from dehyst.drivers import system
 from dehyst.models.errors import BadRecording

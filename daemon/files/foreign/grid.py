@@ -359,7 +359,7 @@ def note_form(found: Sheet, layout: GridLayout, texts: int) -> None:
         found.said.append(f"without numbers and left out: {', '.join(left[:5])}")
     if layout.aside:
         aside = ", ".join(f"column {j}" for j in layout.aside)
-        found.said.append(f"with few numbers, beside the recording, and left out: {aside}")
+        found.said.append(f"with few numbers, at the right, and left out: {aside}")
     if texts:
         lines = "1 line" if texts == 1 else f"{texts} lines"
         found.said.append(f"{lines} of text between the numbers left out")

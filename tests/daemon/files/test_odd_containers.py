@@ -11,7 +11,7 @@ from scipy.io import savemat
 from tests.rigs.foreign_files import asked, read
 
 from dehyst.daemon.files import loading
-from dehyst.daemon.files.foreign.libraries import READERS
+from dehyst.daemon.files.foreign.containers.libraries import READERS
 from dehyst.models.recording import Recording
 
 N = 200
@@ -173,7 +173,7 @@ def test_a_small_table_at_the_right_hides_no_headings(tmp_path: Path, kind: str)
         (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
     found = read(tmp_path / f"a.{kind}")
     is_it(found)
-    assert "with few numbers, beside the recording, and left out: column 5" in found.read
+    assert "with few numbers, at the right, and left out: column 5" in found.read
 
 
 def test_a_damaged_file_is_said_to_be_cut_or_damaged(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ h5py.File = fail
 atexit.register(print, 'closing with a warning', file=sys.stderr)
 print('a word of the library', file=sys.stderr)
 sys.argv[:1] = []
-runpy.run_module('dehyst.daemon.files.foreign.apart', run_name='__main__')
+runpy.run_module('dehyst.daemon.files.foreign.containers.apart', run_name='__main__')
 """
 
 
@@ -85,7 +85,7 @@ def stay(*_, **__):
     while True: pass
 h5py.File, system.bound_processor_time = stay, bound_tenfold
 sys.argv[:1] = []
-runpy.run_module('dehyst.daemon.files.foreign.apart', run_name='__main__')
+runpy.run_module('dehyst.daemon.files.foreign.containers.apart', run_name='__main__')
 """
 
 
@@ -225,7 +225,7 @@ def test_who_lacks_the_library_is_asked_to_install_the_extra(
     program = (
         "import sys; sys.modules[sys.argv[1]] = None; import runpy\n"
         "sys.argv = ['apart', *sys.argv[2:]]\n"
-        "runpy.run_module('dehyst.daemon.files.foreign.apart', run_name='__main__')"
+        "runpy.run_module('dehyst.daemon.files.foreign.containers.apart', run_name='__main__')"
     )
     done = subprocess.run(
         [sys.executable, "-c", program, module, str(tmp_path / name), str(tmp_path / "o.npz")],

@@ -10,7 +10,7 @@ import pytest
 from tests.rigs.foreign_files import asked, read
 
 from dehyst.daemon.files import loading
-from dehyst.daemon.files.foreign.libraries import READERS
+from dehyst.daemon.files.foreign.containers.libraries import READERS
 from dehyst.models.recording import Recording
 
 N = 200

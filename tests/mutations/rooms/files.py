@@ -130,7 +130,8 @@ CHANGES += room(
         "a spreadsheet's numbers are read a thousand times too large",
     ),
     Change(
-        "empty-place-refuses-all", f"{FOREIGN}/libraries.py", "if item.shape is None:", "if False:",
+        "empty-place-refuses-all", f"{FOREIGN}/containers/libraries.py", "if item.shape is None:",
+        "if False:",
         "an HDF5 file with an empty dataset cannot be read",
         tests=(f"{OTHERS}::test_files_made_by_the_library",),
     ),
@@ -141,13 +142,13 @@ CHANGES += room(
         tests=(f"{OTHERS}::test_text_that_is_no_utf_8_is_kept_as_what_can_be_written",),
     ),
     Change(
-        "words-of-a-library-are-said", f"{FOREIGN}/apart.py",
+        "words-of-a-library-are-said", f"{FOREIGN}/containers/apart.py",
         'if isinstance(error, OSError) and error.errno else ""', "or error",
         "of a damaged file an exception of a library is shown",
         tests=(f"{OTHERS}::test_nothing_is_said_of_what_a_library_writes",),
     ),
     Change(
-        "library-for-ever", f"{FOREIGN}/apart.py",
+        "library-for-ever", f"{FOREIGN}/containers/apart.py",
         "        system.bound_processor_time(processor_time_s(path))\n", "",
         "a damaged file of 10 KB keeps a processor busy for two minutes",
         tests=(f"{OTHERS}::test_a_small_file_does_not_keep_a_library_busy_for_long",),
@@ -311,7 +312,7 @@ CHANGES += room(
         "plain = text", "the second column in mV of one name is read in volts",
     ),
     Change(
-        "attribute-in-a-list", f"{FOREIGN}/attributes.py",
+        "attribute-in-a-list", f"{FOREIGN}/containers/attributes.py",
         "one = isinstance(value, np.ndarray) and value.size == 1", "one = False",
         "a unit that an HDF5 file holds as a list of one text is not recognised",
     ),
@@ -384,12 +385,12 @@ CHANGES += room(
 ) + room(
     ("tests/daemon/files/test_left_out_parts.py",),
     Change(
-        "most-common-length", f"{FOREIGN}/arrays.py",
+        "most-common-length", f"{FOREIGN}/containers/arrays.py",
         'return {"t", "u"} <= roles[n], len(roles[n]), counts[n] > 1, n', "return n",
         "a longer spectrum is kept, and time, drive and displacement are left out",
     ),
     Change(
-        "summary-refuses-all", f"{FOREIGN}/libraries.py",
+        "summary-refuses-all", f"{FOREIGN}/containers/libraries.py",
         "            refused.append(error)\n            continue\n", "            raise error\n",
         "a workbook is refused because of a second sheet with a word in it",
     ),
@@ -583,8 +584,8 @@ CHANGES += room(
 
 BESIDE = "tests/daemon/files/test_stated_beside.py"
 ADVICE, WORDS = (f"tests/daemon/files/test_foreign_{name}.py" for name in ("advice", "words"))
-CHOOSE, LIBRARIES = f"{FOREIGN}/choose.py", f"{FOREIGN}/libraries.py"
-ATTRIBUTES = f"{FOREIGN}/attributes.py"
+CHOOSE, LIBRARIES = f"{FOREIGN}/choose.py", f"{FOREIGN}/containers/libraries.py"
+ATTRIBUTES = f"{FOREIGN}/containers/attributes.py"
 UNDERSTAND, FIELDS = f"{FOREIGN}/understand.py", f"{FOREIGN}/fields.py"
 CHANGES += room(
     (BESIDE,),
@@ -594,7 +595,7 @@ CHANGES += room(
         "the units in LabVIEW's header are asked for where each channel has its own times",
     ),
     Change(
-        "unit-beside-lost", f"{FOREIGN}/arrays.py",
+        "unit-beside-lost", f"{FOREIGN}/containers/arrays.py",
         "column.unit = column.unit or unit_beside(column.heading, kept)", "pass",
         "millivolts that a structure states beside its numbers are not those of the column",
     ),
@@ -627,8 +628,9 @@ CHANGES += room(
         "the increment along a path is taken as the sampling period",
     ),
     Change(
-        "longest-run-taken", f"{FOREIGN}/arrays.py", "if len(runs) > 1 and not of_wanted:",
-        "if False:", "of two runs the longer is read without a word",
+        "longest-run-taken", f"{FOREIGN}/containers/arrays.py",
+        "if len(runs) > 1 and not of_wanted:", "if False:",
+        "of two runs the longer is read without a word",
     ),
     Change(
         "name-of-a-list-counts", f"{FOREIGN}/roles.py", '(?=[A-Z])", " ", single)',
@@ -827,7 +829,7 @@ CHANGES += room(
         "what is wrong in a packed file is said of a file that nobody knows",
     ),
     Change(
-        "bomb-unpacked", f"{FOREIGN}/packed.py", "            if left < 0:\n",
+        "bomb-unpacked", f"{FOREIGN}/containers/packed.py", "            if left < 0:\n",
         "            if False:\n", "a small file fills the disk",
     ),
     Change(
@@ -871,7 +873,7 @@ CHANGES += room(
         "nanometres among micrometres are read as micrometres",
     ),
     Change(
-        "rates-of-their-own", f"{FOREIGN}/arrays.py",
+        "rates-of-their-own", f"{FOREIGN}/containers/arrays.py",
         "if len({c.values.size for c in needed}) > 1 and (named or not runs):", "if False:",
         "it is advised to name a column that is of another rate",
     ),
@@ -898,7 +900,7 @@ CHANGES += room(
         "a file of one row that was cut ends a command with a traceback",
     ),
     Change(
-        "large-number-ends-the-reader", f"{FOREIGN}/arrays.py",
+        "large-number-ends-the-reader", f"{FOREIGN}/containers/arrays.py",
         "except (TypeError, ValueError, OverflowError):", "except (TypeError, ValueError):",
         "a serial number of 400 digits makes a file unreadable",
     ),
@@ -1030,7 +1032,7 @@ CHANGES += room(
         "U/10 V is read as volts, and the gain is wrong by ten",
     ),
     Change(
-        "factor-beside-numbers-lost", f"{FOREIGN}/arrays.py",
+        "factor-beside-numbers-lost", f"{FOREIGN}/containers/arrays.py",
         'column.unit = f"{column.unit}{factor}".strip()', "pass",
         "volts at a monitor are read as those of the stage",
     ),

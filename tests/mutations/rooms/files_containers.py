@@ -3,8 +3,9 @@
 from tests.mutations.change import Change, room
 
 FOREIGN = "daemon/files/foreign"
-APART, LIBRARIES, ARRAYS, BESIDE, BLOCKS = (
-    f"{FOREIGN}/{name}.py" for name in ("rows_apart", "libraries", "arrays", "beside", "blocks")
+APART, BESIDE = f"{FOREIGN}/rows_apart.py", f"{FOREIGN}/beside.py"
+LIBRARIES, ARRAYS, BLOCKS = (
+    f"{FOREIGN}/containers/{name}.py" for name in ("libraries", "arrays", "blocks")
 )
 
 CHANGES = room(
@@ -39,7 +40,7 @@ CHANGES = room(
         "one long array takes the place of drive and displacement",
     ),
     Change(
-        "no-name-is-a-unit", f"{FOREIGN}/attributes.py", '!= "N.":', '!= "":',
+        "no-name-is-a-unit", f"{FOREIGN}/containers/attributes.py", '!= "N.":', '!= "":',
         "the times of a table of pandas are asked for as newtons",
     ),
     Change(

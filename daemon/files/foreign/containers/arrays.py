@@ -21,7 +21,7 @@ from dehyst.daemon.files.foreign.beside import (
     unit_in_lists,
     wave_beside,
 )
-from dehyst.daemon.files.foreign.blocks import joined_blocks
+from dehyst.daemon.files.foreign.containers.blocks import joined_blocks
 from dehyst.daemon.files.foreign.epochs import epoch_unit, is_rising
 from dehyst.daemon.files.foreign.fields import moment_of, number_of
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet, text_of

@@ -98,7 +98,7 @@ def main(source: str, target: str) -> None:
     _, library, extra = NEEDS[path.suffix.lower()]
     try:
         import_module(library)
-        readers = import_module("dehyst.daemon.files.foreign.libraries")
+        readers = import_module("dehyst.daemon.files.foreign.containers.libraries")
         system.bound_memory(MOST_BYTES)
         system.bound_processor_time(processor_time_s(path))
         with warnings.catch_warnings():

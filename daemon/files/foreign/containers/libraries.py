@@ -1,5 +1,5 @@
 """Read each kind of file with the library made for it. Runs in a separate process
-(dehyst.daemon.files.foreign.apart); each library is imported where it is used."""
+(dehyst.daemon.files.foreign.containers.apart); each library is imported where it is used."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.files.csv_table import MOST_BYTES
-from dehyst.daemon.files.foreign.arrays import (
+from dehyst.daemon.files.foreign.beside import names_beside
+from dehyst.daemon.files.foreign.containers.arrays import (
     MOST_DEEP,
     MOST_WIDE,
     by_columns,
@@ -17,7 +18,7 @@ from dehyst.daemon.files.foreign.arrays import (
     found_in,
     texts_in,
 )
-from dehyst.daemon.files.foreign.attributes import (
+from dehyst.daemon.files.foreign.containers.attributes import (
     as_scaled,
     moment_in,
     remarks,
@@ -25,7 +26,6 @@ from dehyst.daemon.files.foreign.attributes import (
     unit_in,
     wave_in,
 )
-from dehyst.daemon.files.foreign.beside import names_beside
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet, text_of
 from dehyst.daemon.files.foreign.grid import LOOKED_AT, fill, lay_out
 from dehyst.daemon.files.foreign.text import understand_text

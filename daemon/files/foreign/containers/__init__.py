@@ -1,0 +1,1 @@
+"""Read containers of arrays, such as HDF5, TDMS and spreadsheets, each with its own library."""
