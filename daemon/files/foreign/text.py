@@ -34,6 +34,7 @@ from dehyst.daemon.files.foreign.grid import (
 from dehyst.daemon.files.foreign.headings import ways_to_split
 from dehyst.daemon.files.foreign.long import refuse_next_variable
 from dehyst.daemon.files.foreign.lvm import is_lvm, read_lvm
+from dehyst.daemon.files.foreign.paired import name_pairs
 from dehyst.daemon.files.foreign.roles import role_of
 from dehyst.daemon.files.foreign.runs import NUMBER, find_decimal, kinds_of, score
 from dehyst.daemon.files.number_text import MOST_OTHERS, ends_inside_number
@@ -111,6 +112,7 @@ def understand_text(
     decimal: as the file states them."""
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     _join_quoted(lines)
+    name_pairs(lines)
     cut = above + len(lines) if lines[-1].strip() else 0  # without an end, so possibly not whole
     if is_lvm(lines):
         return read_lvm(name, lines, partial(understand_text, name))

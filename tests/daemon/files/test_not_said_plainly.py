@@ -261,3 +261,16 @@ def test_a_field_that_is_no_number_is_shown(tmp_path: Path) -> None:
 def test_html_under_another_name_is_called_so(tmp_path: Path) -> None:
     path = write(tmp_path / "a.xls", ["<html><table><tr><td>0.0</td></tr></table></html>"])
     assert "it holds HTML or XML: save it as .csv or .xlsx" in asked(path)
+
+
+@pytest.mark.parametrize(("factor", "offset"), [("1", "0"), ("10", "0"), ("1", "5")])
+def test_names_in_pairs_as_twincat_writes_them(tmp_path: Path, factor: str, offset: str) -> None:
+    of = {"Name": ("fDrive", "fGauge"), "Data-Type": ("REAL64", "REAL64"), "Unit": ("V", "um")}
+    of |= {"SampleTime[ms]": ("5", "5"), "ScaleFactor": (factor, "1"), "Offset": (offset, "0")}
+    head = ["Name,Scope", "", *(f"{k},{a},{k},{b}" for k, (a, b) in of.items()), ""]
+    rows = lines(1e3 * T, U, 1e3 * T, Y, head=[])[1:]
+    path = write(tmp_path / "a.csv", [*head, *rows])
+    if (factor, offset) == ("1", "0"):
+        is_it(read(path))
+    else:
+        assert "the file states 'Scale factor (" in asked(path)

@@ -72,6 +72,10 @@ CHANGES = room(
         "a clock of whole seconds with its milliseconds in a column is refused",
     ),
     Change(
+        "scale-of-twincat-lost", f"{FOREIGN}/paired.py", 'return "scale" in label or (',
+        "return (", "a channel of TwinCAT that is still to be scaled is read as it is",
+    ),
+    Change(
         "elapsed-added-to-a-clock", f"{FOREIGN}/epochs.py",
         "if parts[0][0].clock and np.any(", "if False and np.any(",
         "a time since the start is added to the time of day",
