@@ -46,6 +46,11 @@ _BEGINS = re.compile(
     r"[tx]_?0|t_?start|(?:start|begin)_?time|time_?(?:start|offset)|x_?org|x_?origin", re.I
 )
 """Names of the time at which an array begins."""
+_OF_TIME = re.compile(
+    rf"{_BEGINS.pattern}|rate|freq|period|interval|time|inc|delta|d[tx]|[ft]s|abtast|samples|unit",
+    re.IGNORECASE,
+)
+"""What is in the name of a note that may state a period or a beginning, or its unit."""
 _PORT = re.compile(r"(?:In|Out)\d*")
 """The last part of a signal's name in a block diagram that says nothing."""
 
@@ -124,6 +129,11 @@ def unit_beside(heading: str, notes: Mapping[str, str]) -> str:
     if role_of(heading[len(group_of(heading)) :], "")[0] == "t":
         stated = [unit for unit in stated if UNITS.get(find_unit_key(unit), ("",))[0] == TIME]
     return next(filter(None, stated), "")
+
+
+def notes_of_time(notes: Mapping[str, str]) -> dict[str, str]:
+    """Return the notes that `wave_beside` has to look through for each of many arrays."""
+    return {k: v for k, v in notes.items() if _OF_TIME.search(k[len(group_of(k)) :])}
 
 
 def wave_beside(name: str, notes: Mapping[str, str]) -> tuple[float, float] | None:

@@ -16,6 +16,7 @@ from dehyst.daemon.files.foreign.beside import (
     labelled,
     name_columns,
     names_beside,
+    notes_of_time,
     period_of_all,
     unit_beside,
     unit_in_lists,
@@ -75,6 +76,7 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
     for column in columns:
         column.unit = column.unit or unit_beside(column.heading, kept)
         column.unit = column.unit or unit_in_lists(column.heading, lists)
+    timing = notes_of_time(kept)
     for one, of in wide:
         group = group_of(one.name)
         is_alone = sum(group_of(other.name) == group for other, _ in wide) == 1
@@ -82,8 +84,8 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
         _name(one, of, columns, lists, kept)
         for column in of:
             column.unit = f"{column.unit}{factor}".strip()
-            column.wave = one.wave or wave_beside(one.name, kept)
-    found = Sheet(columns, kept, period_of_all(kept, [one.name for one, _ in wide]))
+            column.wave = one.wave or wave_beside(one.name, timing)
+    found = Sheet(columns, kept, period_of_all(timing, [one.name for one, _ in wide]))
     used = {name for name, texts in lists.items() if any(len(texts) == len(of) for _, of in wide)}
     if solid:
         found.said.append(
