@@ -595,8 +595,8 @@ CHANGES = [
         Change(
             "one-waveform-shows-the-shape-of-all",
             "models/diagnosis/verdict.py",
-            "    return len(data.names) == 1 and max",
-            "    return not data.names and max",
+            "here_only = len(data.names) == 1 or not written.contains_shape",
+            "here_only = not written.contains_shape",
             "a stage counts as explained by one recording, and another drive leaves 2.6 noises",
         ),
     ),
