@@ -37,6 +37,7 @@ from dehyst.daemon.files.foreign.lvm import is_lvm, read_lvm
 from dehyst.daemon.files.foreign.paired import name_pairs
 from dehyst.daemon.files.foreign.roles import role_of
 from dehyst.daemon.files.foreign.runs import NUMBER, find_decimal, kinds_of, score
+from dehyst.daemon.files.foreign.units import find_unit_key
 from dehyst.daemon.files.number_text import MOST_OTHERS, ends_inside_number
 from dehyst.daemon.printable import printable
 from dehyst.models.errors import BadRecording
@@ -51,6 +52,8 @@ SEPARATORS = (
     ("", "blanks"),
     ("|", "bars"),
 )
+REGIONAL = ("cp1252", "cp1251", "cp932", "gb18030")
+"""Encodings of Windows in western Europe, eastern Europe, Japan and China; the first in doubt."""
 MARKS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 
 
@@ -97,7 +100,18 @@ def decode_text(name: str, data: bytes) -> str:
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
+        return data.decode(_encoding_of_units(head), errors="replace")
+
+
+def _encoding_of_units(head: bytes) -> str:
+    """Return the regional encoding in which most of the words with letters beyond ASCII at the
+    begin of a text are units; that of western Windows if none is."""
+
+    def units(encoding: str) -> int:
+        words = re.split(r"[][(){},;\t\r\n/]+", head.decode(encoding, errors="replace"))
+        return sum(not word.isascii() and bool(find_unit_key(word)) for word in words)
+
+    return max(REGIONAL, key=units)
 
 
 def read_text_table(path: Path) -> Sheet:

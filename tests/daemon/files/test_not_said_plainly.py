@@ -57,6 +57,25 @@ def test_a_last_line_that_was_cut_inside_its_last_number_is_left_out(
     assert "dehyst convert --unfinished own.csv whole.csv" in own
 
 
+@pytest.mark.parametrize(
+    ("encoding", "head"),
+    [
+        ("cp1252", ("Zeit (s)", "Spannung (V)", "Größe (µm)")),
+        ("cp1251", ("Время (с)", "Напряжение (В)", "Перемещение (мкм)")),
+        ("cp932", ("時間(s)", "電圧(V)", "変位(μm)")),
+        ("gbk", ("时间(秒)", "电压(伏)", "位移(微米)")),
+    ],
+)
+def test_headings_in_the_encoding_of_a_region(
+    tmp_path: Path, encoding: str, head: tuple[str, str, str]
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes("\n".join(lines(T, U, Y, head=head)).encode(encoding))
+    found = read(path)
+    is_it(found)
+    assert head[2] in found.read
+
+
 KEPT = np.arange(N + 100) // 50 != 2
 COUNT = np.arange(N + 100)[KEPT][:N]
 

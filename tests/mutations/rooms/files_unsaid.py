@@ -76,6 +76,11 @@ CHANGES = room(
         "return (", "a channel of TwinCAT that is still to be scaled is read as it is",
     ),
     Change(
+        "regions-read-as-western", f"{FOREIGN}/text.py",
+        "return max(REGIONAL, key=units)", 'return "cp1252"',
+        "a displacement in micrometres under Cyrillic or Japanese headings is not found",
+    ),
+    Change(
         "elapsed-added-to-a-clock", f"{FOREIGN}/epochs.py",
         "if parts[0][0].clock and np.any(", "if False and np.any(",
         "a time since the start is added to the time of day",
