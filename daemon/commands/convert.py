@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from dehyst.daemon.files.foreign.reading import add_reading, reading_of
@@ -47,9 +48,24 @@ def run(args: argparse.Namespace) -> int:
         write_recording(output, t_s, others, notes)
         say_defects(output.name if len(parts) > 1 else args.input.name, columns)
         names = ["t_s", *others]
+        if understood and not any(name.startswith("target") for name in names):
+            say_read(what_is_missing(output.name, names))
         written.append({"output": str(output), "rows": int(t_s.size), "columns": names})
         if not args.json:
             print(f"{output}: {t_s.size} rows of {', '.join(names)}")
     if args.json:
         print(json.dumps(written[0] if len(written) == 1 else {"parts": written}))
     return 0
+
+
+def what_is_missing(name: str, columns: Sequence[str]) -> str:
+    """Return a note if no column of a file of another program became the drive or displacement."""
+    roles = {"u": "drive", "y": "displacement"}
+    missing = [role for role in roles if not any(c.startswith(f"{role}_") for c in columns)]
+    if not missing:
+        return ""
+    return (
+        f"note: {name} has no {' and no '.join(roles[role] for role in missing)}, which identify, "
+        f"validate and diagnose need: no heading names it; add --columns "
+        f"{','.join(f'{role}=...' for role in missing)}"
+    )

@@ -150,3 +150,25 @@ def test_times_that_may_be_milliseconds_are_remarked_once(
     write_recording("slow.csv", 250.0 * T, {"u_v": U, "y_um": 0.1 * U + NOISE})
     err = said(capsys, *words.split())
     assert err.count("the rows lie 0.5 s apart") == 1
+
+
+@pytest.mark.parametrize(
+    ("head", "missing"),
+    [
+        ("Time (s),Untitled,Untitled 1", "no drive and no displacement"),
+        ("Time (s),Voltage (V),Untitled", "no displacement"),
+        ("Time (s),Voltage (V),Position (um)", ""),
+        ("Time (s),Target (um),Untitled", ""),  # a trajectory needs neither
+    ],
+)
+def test_a_converted_file_that_no_command_can_use_is_noted(
+    capsys: pytest.CaptureFixture[str], head: str, missing: str
+) -> None:
+    rows = [f"{t:.4f},{u:.4f},{0.1 * u:.5f}" for t, u in zip(T, U, strict=True)]
+    Path("export.csv").write_text("\n".join([head, *rows, ""]))
+    noted = [line for line in said(capsys, "convert", "export.csv", "out.csv").splitlines()
+             if line.startswith("note: out.csv has")]  # fmt: skip
+    assert len(noted) == bool(missing)
+    for line in noted:
+        assert f"has {missing}, which identify" in line
+        assert "add --columns " in line
