@@ -150,25 +150,6 @@ def coupled(unit: str, gain: float, reference: float, channel: str) -> Block:
     )
 
 
-def with_plays(
-    unit: str,
-    widths: Sequence[float] | Floats,
-    gains: Sequence[float] | Floats,
-    tau_s: float,
-    scale: float,
-    reference: float,
-) -> dict[str, float | tuple[float, ...]]:
-    """Return the parameters of the block that adds sum_i g_i H_i(c), c after a lag. widths: of the
-    plays, in the channel's unit; gains: [unit] for each change of the channel by `scale`."""
-    return {
-        "thresholds": tuple(float(r) for r in widths),
-        f"gains_{unit}": tuple(float(g) for g in gains),
-        "tau_s": tau_s,
-        "scale": scale,
-        "reference": reference,
-    }
-
-
 class Coupling(Candidate):
     """y + g c(t) for a channel c. Typical: 1 to 5 % of the other axis; shown by the other channel
     moving while the own drive rests."""
@@ -210,12 +191,41 @@ class Coupling(Candidate):
         return f"{self.whose} moves this reading by {gain}: the axes are not decoupled."
 
 
-class CoupledLag(Coupling):
+class LaggedCoupling(Coupling):
+    """Coupling through a first-order lag, by plays on the channel. scale: change of the channel
+    that counts as 1; widths: of the plays, relative to it."""
+
+    order = 61
+    scale = 1.0
+    widths: Floats = np.zeros(1)  # no hysteresis
+
+    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
+        c = super().columns(data, context, theta) / self.scale
+        return plays(self.widths, lowpass(c, data.dt / theta[0], data.starts)[:, 0], data.starts)
+
+    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        gain = float(np.sum(amplitudes * (1.0 - self.widths))) / self.scale
+        return {"gain_um_per_unit": (gain, self.limit_unit), "tau_s": (float(theta[0]), "s")}
+
+    def probes(self, data: Data) -> list[Probe]:
+        return []
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        params: dict[str, float | tuple[float, ...]] = {
+            "thresholds": tuple(float(r) for r in self.widths * self.scale),
+            f"gains_{data.unit}": tuple(float(g) for g in amplitudes),
+            "tau_s": float(theta[0]),
+            "scale": self.scale,
+            "reference": self.reference,
+        }
+        return (Block("coupled_memory", "stage", params, self.channel),)
+
+
+class CoupledLag(LaggedCoupling):
     """Coupling through a first-order lag: of the other amplifier, or of the gauge that reads both
     motions."""
 
     equation = "y(t) = f(u) + g c, c after a lag"
-    order = 61
     alone = True
 
     def __init__(self, data: Data, channel: str, reference: float) -> None:
@@ -232,20 +242,6 @@ class CoupledLag(Coupling):
     def refined_start(self, theta: Sequence[float]) -> tuple[float, ...]:
         return (self.parameters[0].low * 7,)
 
-    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
-        c = super().columns(data, context, theta)
-        return lowpass(c, data.dt / theta[0], data.starts)
-
-    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
-        return super().values(theta, amplitudes) | {"tau_s": (float(theta[0]), "s")}
-
-    def probes(self, data: Data) -> list[Probe]:
-        return []
-
-    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        params = with_plays(data.unit, (0.0,), amplitudes, float(theta[0]), 1.0, self.reference)
-        return (Block("coupled_memory", "stage", params, self.channel),)
-
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         gain, lag = format_length(values["gain_um_per_unit"]), 1e3 * values["tau_s"][0]
         return (
@@ -254,12 +250,12 @@ class CoupledLag(Coupling):
         )
 
 
-class CoupledMemory(Coupling):
+class CoupledMemory(LaggedCoupling):
     """Coupling from an axis with a lag and hysteresis of its own: plays on its drive."""
 
     equation = "y(t) = f(u) + sum_i g_i H_i(c), c after a lag"
     contains = ("coupling",)
-    order = 61
+    widths = FRACTIONS
 
     def __init__(self, data: Data, channel: str, reference: float) -> None:
         super().__init__(channel, reference, data.unit, data.drive_unit)
@@ -270,28 +266,6 @@ class CoupledMemory(Coupling):
 
     def refined_start(self, theta: Sequence[float]) -> tuple[float, ...]:
         return tuple(theta) or (self.parameters[0].low * 20,)
-
-    def probes(self, data: Data) -> list[Probe]:
-        return []
-
-    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
-        c = (data.channels[self.channel] - self.reference) / self.scale
-        c = lowpass(c[:, None], data.dt / theta[0], data.starts)[:, 0]
-        return plays(FRACTIONS, c, data.starts)
-
-    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
-        gain = float(np.sum(amplitudes * (1.0 - FRACTIONS))) / self.scale
-        return {
-            "gain_um_per_unit": (gain, self.limit_unit),
-            "tau_s": (float(theta[0]), "s"),
-        }
-
-    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        params = with_plays(
-            data.unit, FRACTIONS * self.scale, amplitudes, float(theta[0]), self.scale,
-            self.reference,
-        )  # fmt: skip
-        return (Block("coupled_memory", "stage", params, self.channel),)
 
 
 def _candidates(data: Data) -> list[Candidate]:

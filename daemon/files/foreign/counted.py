@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dehyst.daemon.files.foreign.epochs import continued
-from dehyst.daemon.files.foreign.found import Column, Sheet
+from dehyst.daemon.files.foreign.found import Column, Draft, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
-from dehyst.daemon.files.foreign.roles import role_of
-from dehyst.daemon.files.foreign.units import find_unit_key
+from dehyst.daemon.files.foreign.roles import role_of_column
 from dehyst.models.recording import Floats
 
 _DIVIDED = re.compile(
@@ -34,7 +33,7 @@ def _counter_with_gaps(columns: Sequence[Column], taken: Sequence[int]) -> tuple
     """Return (heading, (N,) samples since the first row) of a counter of samples of which some were
     lost, ("", ()) if no column is one. taken: columns that are something else."""
     for i, column in enumerate(columns):
-        if i in taken or role_of(column.heading, find_unit_key(column.unit))[0]:
+        if i in taken or role_of_column(column):
             continue
         count, _ = continued(np.asarray(column.values, dtype=np.float64), False)
         steps = np.diff(count)
@@ -49,22 +48,20 @@ def count_time(
     taken: Sequence[int],
     found: Sheet,
     reading: ReadOptions,
-    out: dict[str, Floats],
-    said: list[str],
-    asked: list[str],
+    draft: Draft,
 ) -> None:
     """Count the times of rows without a time of their own. taken: columns that are chosen."""
     step_s, (note, divisor) = found.step_s, _divided_by(found.notes)
     if reading.rate_hz:
         step_s, source = 1.0 / reading.rate_hz, "--rate"
     elif reading.time_unit and step_s > 0.0:
-        asked.append(
+        draft.asked.append(
             f"--time-unit {reading.time_unit}: there is no column of times; the file states a "
             f"period of {step_s:.6g} s, which --rate HZ replaces"
         )
         return
     elif step_s > 0.0 and note:
-        asked.append(
+        draft.asked.append(
             f"the file states {1.0 / step_s:.6g} Hz and '{note}', and does not say which rate "
             f"the rows have: add --rate {1.0 / step_s:.6g} or --rate {1.0 / step_s / divisor:.6g}"
         )
@@ -74,11 +71,11 @@ def count_time(
     if step_s > 0.0:
         heading, count = _counter_with_gaps(columns, taken)
         rows = count if heading else np.arange(len(columns[0].values))
-        out["t_s"] = np.asarray(found.start_s + step_s * rows, dtype=np.float64)
+        draft.columns["t_s"] = np.asarray(found.start_s + step_s * rows, dtype=np.float64)
         each = f"a count of '{heading[:40]}'" if heading else "a row"
-        said.append(f"t from {source} ({step_s:.6g} s {each})")
+        draft.said.append(f"t from {source} ({step_s:.6g} s {each})")
         if heading:
             lost = int(count[-1]) + 1 - count.size
             found.said.append(f"'{heading[:40]}' leaves out {lost} samples, and so do the times")
-    elif not any("columns t=" in text or "no column holds times" in text for text in asked):
-        asked.append("no column of times: add --rate HZ (rows a second), or --columns t=...")
+    elif not any("columns t=" in text or "no column holds times" in text for text in draft.asked):
+        draft.asked.append("no column of times: add --rate HZ (rows a second), or --columns t=...")

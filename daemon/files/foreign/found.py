@@ -1,8 +1,10 @@
-"""Raw content of a foreign file before interpretation. Pure data."""
+"""Raw content of a foreign file, and the recording that is made of it. Pure data."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+
+from dehyst.models.recording import Floats
 
 
 @dataclass
@@ -39,7 +41,8 @@ class Given:
 class Sheet:
     """Columns in the file's order; notes: by name; step_s: sampling period that the file states;
     start_s: time of its first row; said: further remarks on the format; where: describes the place
-    of a row in the file; blank: headings of the columns that hold no number."""
+    of a row in the file; factor: words of its preamble that state one, or ""; blank: headings of
+    the columns that hold no number."""
 
     columns: list[Column]
     notes: dict[str, str] = field(default_factory=dict)
@@ -53,6 +56,16 @@ class Sheet:
     def __post_init__(self) -> None:
         for i, column in enumerate(self.columns):
             column.number = i if column.number < 0 else column.number
+
+
+@dataclass
+class Draft:
+    """A recording as far as a file was understood. columns: (N,) each, named as in a recording;
+    said: what each was made of; asked: what the user has to supply."""
+
+    columns: dict[str, Floats] = field(default_factory=dict)
+    said: list[str] = field(default_factory=list)
+    asked: list[str] = field(default_factory=list)
 
 
 def text_of(given: str | bytes) -> str:

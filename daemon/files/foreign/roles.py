@@ -2,6 +2,7 @@
 
 import re
 
+from dehyst.daemon.files.foreign.found import Column
 from dehyst.daemon.files.foreign.units import (
     ANGLE,
     COUNTS,
@@ -11,6 +12,7 @@ from dehyst.daemon.files.foreign.units import (
     TIME,
     UNITS,
     VOLTAGE,
+    find_unit_key,
     read_heading,
     split_heading,
 )
@@ -97,6 +99,16 @@ def words_of(name: str) -> set[str]:
 
 def _words(heading: str) -> set[str]:
     return words_of(read_heading(heading[: LONGEST_HEADING + 1]).name)
+
+
+def role_of_column(column: Column) -> str:
+    """Return t, u, y, target or "" for a column."""
+    return role_of(column.heading, find_unit_key(column.unit))[0]
+
+
+def unit_of_column(column: Column) -> str:
+    """Return the key of the unit that the file gives, "" if it gives none."""
+    return find_unit_key(column.unit) or split_heading(column.heading)[1]
 
 
 def role_of(heading: str, unit: str) -> tuple[str, int]:

@@ -12,9 +12,9 @@ import numpy as np
 from dehyst.daemon.files.foreign.choose import describe_column, path_of
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
-from dehyst.daemon.files.foreign.roles import role_of
+from dehyst.daemon.files.foreign.roles import role_of_column, unit_of_column
 from dehyst.daemon.files.foreign.stated_step import SAME_STEP, SURELY_SECONDS
-from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key, split_heading
+from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
 from dehyst.models.errors import BadRecording
 
 WHOLE = 0.05
@@ -52,12 +52,8 @@ def _group_of(column: Column) -> tuple[str, ...]:
 def _times_beside(column: Column, columns: Sequence[Column]) -> Column | None:
     """Return the only column of times in the group of a column, None if there is none."""
     group = _group_of(column)
-    times = [c for c in columns if _group_of(c) == group and (c.clock or _role_of(c) == "t")]
+    times = [c for c in columns if _group_of(c) == group and (c.clock or role_of_column(c) == "t")]
     return times[0] if group and len(times) == 1 else None
-
-
-def _role_of(column: Column) -> str:
-    return role_of(column.heading, find_unit_key(column.unit))[0]
 
 
 def _even_wave(name: str, times: Column, reading: ReadOptions) -> tuple[float, float]:
@@ -70,8 +66,7 @@ def _even_wave(name: str, times: Column, reading: ReadOptions) -> tuple[float, f
             f"{name}: {describe_column(times)} holds other times than those of the other sheet or "
             f"group, and uneven ones: {_REMEDY}"
         )
-    unit = find_unit_key(reading.time_unit) or find_unit_key(times.unit)
-    unit = "s" if times.clock else unit or split_heading(times.heading)[1]
+    unit = "s" if times.clock else find_unit_key(reading.time_unit) or unit_of_column(times)
     kind, _, factor = UNITS[unit or "s"]
     if kind != TIME or not (unit or step < SURELY_SECONDS):
         raise BadRecording(

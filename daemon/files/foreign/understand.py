@@ -15,13 +15,14 @@ from dehyst.daemon.files.foreign.blank import refuse_blank
 from dehyst.daemon.files.foreign.choose import choose_columns, describe_column, path_of
 from dehyst.daemon.files.foreign.counted import count_time
 from dehyst.daemon.files.foreign.epochs import continued, is_packed_clock, join_clocks
-from dehyst.daemon.files.foreign.found import Column, Sheet
+from dehyst.daemon.files.foreign.found import Column, Draft, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import (
     NAMES,
     PLAIN,
     counts_rows,
     role_of,
+    unit_of_column,
 )
 from dehyst.daemon.files.foreign.rows_apart import on_common_rows, with_own_times
 from dehyst.daemon.files.foreign.stated_step import SURELY_SECONDS
@@ -77,40 +78,41 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
     columns = _without_row_numbers(found.columns, reading)
     if not (reading.rate_hz or "t" in reading.columns):
         columns = join_clocks(columns)
-    asked: list[str] = []
-    chosen = choose_columns(name, columns, reading, wants, asked)
+    draft = Draft()
+    chosen = choose_columns(name, columns, reading, wants, draft.asked)
     if own_times := with_own_times(name, columns, chosen, reading):
         named = {role: wanted for role, wanted in reading.columns.items() if role != "t"}
-        columns, reading, asked = own_times, replace(reading, columns=named), []
-        chosen = choose_columns(name, columns, reading, wants, asked)
+        columns, reading, draft = own_times, replace(reading, columns=named), Draft()
+        chosen = choose_columns(name, columns, reading, wants, draft.asked)
     refuse_blank(name, found, columns, chosen, reading)
     columns, chosen = on_common_rows(name, columns, chosen, found, reading)
-    out: dict[str, Floats] = {}
-    said: list[str] = []
     if reading.rate_hz or "t" not in chosen:
-        count_time(columns, [*chosen.values()], found, reading, out, said, asked)
+        count_time(columns, [*chosen.values()], found, reading, draft)
     else:
-        _take_time(columns[chosen["t"]], found, reading, out, said, asked)
+        _take_time(columns[chosen["t"]], found, reading, draft)
     for role in ("u", "y", "target"):
         if role in chosen:
             given = reading.drive_unit if role == "u" else reading.unit
             elsewhere = _unit_elsewhere(found, columns) if role == "u" else ""
-            _take(role, columns[chosen[role]], given, elsewhere, out, said, asked)
+            _take(role, columns[chosen[role]], given, elsewhere, draft)
     for channel in [name for name in chosen if name not in NAMES]:
-        _keep_as(channel, columns[chosen[channel]], out, said, asked)
+        _keep_as(channel, columns[chosen[channel]], draft)
     if found.factor:
-        _ask_of_factor(found.factor, chosen, reading, asked)
-    if asked:
-        raise BadRecording(f"{name}: {'; '.join(asked)}")
+        _ask_of_factor(found.factor, chosen, reading, draft.asked)
+    if draft.asked:
+        raise BadRecording(f"{name}: {'; '.join(draft.asked)}")
     for i, column in enumerate(columns):
         if i not in chosen.values():
-            _keep(column, out)
+            _keep(column, draft.columns)
     own = not reading and all(_has_own_name(columns[i]) for i in chosen.values()) and "t" in chosen
     time = columns[chosen["t"]] if "t" in chosen and not reading.rate_hz else None
     return Understood(
-        out,
-        "; ".join([*([] if own else [", ".join(said)]), *found.said]),
-        time is None or bool(reading.time_unit) or time.clock or _unit(time) not in ("", "s"),
+        draft.columns,
+        "; ".join([*([] if own else [", ".join(draft.said)]), *found.said]),
+        time is None
+        or bool(reading.time_unit)
+        or time.clock
+        or unit_of_column(time) not in ("", "s"),
     )
 
 
@@ -132,11 +134,6 @@ def _without_row_numbers(columns: Sequence[Column], reading: ReadOptions) -> lis
     return out
 
 
-def _unit(column: Column) -> str:
-    """Return the key of the unit that the file gives, "" if it gives none."""
-    return find_unit_key(column.unit) or split_heading(column.heading)[1]
-
-
 def _stated(column: Column) -> str:
     """Return what the file gives as the unit if it is not a known one, "" otherwise."""
     if not states_no_unit(column.unit):
@@ -155,33 +152,34 @@ def _take_time(
     column: Column,
     found: Sheet,
     reading: ReadOptions,
-    out: dict[str, Floats],
-    said: list[str],
-    asked: list[str],
+    draft: Draft,
 ) -> None:
-    label, unit = describe_column(column), find_unit_key(reading.time_unit) or _unit(column)
+    label, unit = (
+        describe_column(column),
+        find_unit_key(reading.time_unit) or unit_of_column(column),
+    )
     values = np.asarray(column.values, dtype=np.float64)
     if column.clock and reading.time_unit and find_unit_key(reading.time_unit) != "s":
-        asked.append(
+        draft.asked.append(
             f"{label} gives its times as a clock does, so that their unit is known: leave out "
             f"--time-unit {reading.time_unit}"
         )
         return
     if column.clock:  # converted to seconds, whatever unit its heading gives
         unit = "s"
-    own = _unit(column)
+    own = unit_of_column(column)
     if reading.time_unit and own not in ("", unit) and not column.clock:
         label += f", whose heading says {own}"
     if not reading.time_unit and not column.clock and (stated := _stated(column)):
         is_factor = is_other_unit(stated) and states_factor(stated)
         what = "is not applied" if is_factor else "is not a known unit of time"
-        asked.append(
+        draft.asked.append(
             f"{label} states '{stated[:40]}', which {what}: add --time-unit s, ms or us, or "
             "--rate HZ"
         )
         return
     if (two := _two_units(column)) and not (reading.time_unit or column.clock):
-        asked.append(
+        draft.asked.append(
             f"{label} states two units, {' and '.join(two)}: add --time-unit s, ms or us, "
             "whichever is right"
         )
@@ -190,7 +188,7 @@ def _take_time(
         known = np.diff(values[np.isfinite(values)])
         step = float(np.median(known[known > 0.0])) if np.any(known > 0.0) else 0.0
         if not 0.0 < step < SURELY_SECONDS:
-            asked.append(
+            draft.asked.append(
                 f"{label} steps by {step:.4g}, and gives no unit: add --time-unit s, ms or us, or "
                 "--rate HZ if it counts the rows or the ticks of a clock"
             )
@@ -198,7 +196,7 @@ def _take_time(
         first = float(values[np.isfinite(values)][0])
         dated = step < DATE_STEP and any(low <= first <= high for low, high in DATES)
         if dated or step < LEAST_STEP_S:
-            asked.append(
+            draft.asked.append(
                 f"{label} begins at {first:.9g}, steps by {step:.4g}, and gives no unit: if these "
                 "are days, write (days) into the heading or add --rate HZ; otherwise add "
                 "--time-unit s, ms or us"
@@ -206,7 +204,7 @@ def _take_time(
             return
         unit, label = "s", f"{label}, taken as seconds"
     if unit == "s" and not (column.clock or reading.time_unit) and is_packed_clock(values):
-        asked.append(
+        draft.asked.append(
             f"{describe_column(column)} counts hours, minutes and seconds in one number (HHMMSS): "
             "write them as HH:MM:SS, or add --rate HZ"
         )
@@ -220,7 +218,7 @@ def _take_time(
     jumps = np.abs(np.diff(values[np.isfinite(values)]))
     if column.clock and np.any(jumps > LONGEST_PAUSE_S):
         row = int(np.argmax(jumps)) + 1
-        asked.append(
+        draft.asked.append(
             f"{label} jumps by {float(jumps[row - 1]) / 86400.0:.3g} days at {found.where(row)}: "
             "if the day stands before the month, write the dates as 2024-03-05; otherwise cut the "
             "file there, or add --rate HZ"
@@ -228,14 +226,14 @@ def _take_time(
         return
     kind, _, factor = UNITS[unit]
     if kind != TIME:
-        asked.append(f"{label} is not a time; add --columns t=... or --rate HZ")
+        draft.asked.append(f"{label} is not a time; add --columns t=... or --rate HZ")
         return
     if factor == 1.0:
-        out["t_s"] = values
+        draft.columns["t_s"] = values
     else:  # divide, so that 5 ms is 0.005 s to the last bit
-        out["t_s"] = values / (1.0 / factor) if factor < 1.0 else values * factor
+        draft.columns["t_s"] = values / (1.0 / factor) if factor < 1.0 else values * factor
         label += f" (in {unit})"
-    said.append(f"t from {label}")
+    draft.said.append(f"t from {label}")
 
 
 def _take(
@@ -243,19 +241,17 @@ def _take(
     column: Column,
     given: str,
     elsewhere: str,
-    out: dict[str, Floats],
-    said: list[str],
-    asked: list[str],
+    draft: Draft,
 ) -> None:
     """Convert drive, displacement or target to a unit that recordings use. elsewhere: where the
     file names millivolts or kilovolts for no column."""
-    own, stated, label = _unit(column), _stated(column), describe_column(column)
+    own, stated, label = unit_of_column(column), _stated(column), describe_column(column)
     unit = find_unit_key(given) or own
     option = "--drive-unit" if role == "u" else "--unit"
     if stated and not given:
         doubt = "may be a label" if find_unit_key(stated) else "is not a known unit"
         as_is = ", which are not multiplied" if states_factor(stated) else ""
-        asked.append(
+        draft.asked.append(
             f"{label} states '{stated[:40]}', which {doubt}: add {option} and the unit of these "
             f"numbers{as_is} ({', '.join(DRIVE_UNITS)})"
         )
@@ -263,41 +259,43 @@ def _take(
     two = _two_units(column)
     if two and find_unit_key(given) not in two:
         known = " or ".join(f"{option} {one}" for one in two if one in UNITS)
-        asked.append(
+        draft.asked.append(
             f"{label} states two units, {' and '.join(two)}: add {known}, whichever is right"
         )
         return
     in_heading = not find_unit_key(column.unit)
     usable = own != "" and UNITS[own][1] in UNIT_NAMES and not two
     if usable and own != unit and (in_heading or UNITS[own][0] == UNITS[unit][0]):
-        asked.append(
+        draft.asked.append(
             f"{label} is in {own}, but {option} says {unit}: without {option} it is read in "
             f"{own}; if the heading is wrong, correct it in the file"
         )
         return
     if not unit and role == "u":
         if elsewhere:
-            asked.append(
+            draft.asked.append(
                 f"the unit of {label} is not given, and the file names another than volts "
                 f"({elsewhere}): add --drive-unit v, mv or kv"
             )
             return
         highest = float(np.max(np.abs(column.values), initial=0.0, where=~np.isnan(column.values)))
         if highest > MOST_VOLTS:
-            asked.append(
+            draft.asked.append(
                 f"{label} gives no unit, and reaches {highest:.6g}: add --drive-unit v, mv, kv or "
                 "counts"
             )
             return
         unit, label = "v", f"{label}, taken as volts"
     if not unit:
-        asked.append(
+        draft.asked.append(
             f"the unit of {label} is not given: add --unit um, nm, m, v, counts, mrad or urad"
         )
         return
     _, kept, factor = UNITS[unit]
     if kept not in UNIT_NAMES:
-        asked.append(f"{label} is in {unit}, which is no {NAMES[role]}; add {option} or --columns")
+        draft.asked.append(
+            f"{label} is in {unit}, which is no {NAMES[role]}; add {option} or --columns"
+        )
         return
     values = np.asarray(column.values, dtype=np.float64)
     if factor != 1.0:
@@ -305,8 +303,8 @@ def _take(
         label += f" ({unit}, as {kept})"
     elif given or kept != split_heading(column.heading)[1]:
         label += f" in {kept}" if "taken as" not in label else ""
-    out[f"{role}_{kept}"] = values
-    said.append(f"{NAMES[role]} from {label}")
+    draft.columns[f"{role}_{kept}"] = values
+    draft.said.append(f"{NAMES[role]} from {label}")
 
 
 def _ask_of_factor(
@@ -325,7 +323,7 @@ def _ask_of_factor(
 def _unit_elsewhere(found: Sheet, columns: Sequence[Column]) -> str:
     """Return a text of the file that names millivolts or kilovolts if no column has such a unit, ""
     otherwise."""
-    if any(_unit(column) in ("mv", "kv") for column in columns):
+    if any(unit_of_column(column) in ("mv", "kv") for column in columns):
         return ""
     texts = (f"{key} {text}".strip() for key, text in found.notes.items())
     return next((text[:60] for text in texts if _OTHER_VOLTS.search(text)), "")
@@ -334,19 +332,21 @@ def _unit_elsewhere(found: Sheet, columns: Sequence[Column]) -> str:
 def _keep_as(
     name: str,
     column: Column,
-    out: dict[str, Floats],
-    said: list[str],
-    asked: list[str],
+    draft: Draft,
 ) -> None:
     """Add a further channel under the name that --columns gives it; its values are unchanged."""
-    label, own, named = describe_column(column), _unit(column), split_heading(name)[1]
+    label, own, named = describe_column(column), unit_of_column(column), split_heading(name)[1]
     if re.fullmatch(ROLE_NAMES, name):
-        asked.append(f"--columns {name}=...: the name {name} is not free for a further channel")
+        draft.asked.append(
+            f"--columns {name}=...: the name {name} is not free for a further channel"
+        )
     elif own and named and own != named and UNITS[own][0] == UNITS[named][0]:
-        asked.append(f"--columns {name}=...: {label} is in {own}; give it a name that says so")
+        draft.asked.append(
+            f"--columns {name}=...: {label} is in {own}; give it a name that says so"
+        )
     else:
-        out[name] = np.asarray(column.values, dtype=np.float64)
-        said.append(f"{name} from {label}")
+        draft.columns[name] = np.asarray(column.values, dtype=np.float64)
+        draft.said.append(f"{name} from {label}")
 
 
 def _keep(column: Column, out: dict[str, Floats]) -> None:

@@ -105,7 +105,7 @@ CHANGES += room(
 CHANGES += room(
     (OTHERS,),
     Change(
-        "unit-of-heading-lost", f"{FOREIGN}/understand.py",
+        "unit-of-heading-lost", f"{FOREIGN}/roles.py",
         "return find_unit_key(column.unit) or split_heading(column.heading)[1]",
         "return find_unit_key(column.unit)",
         "millivolts and micrometres in a heading are not recognised",
@@ -318,7 +318,7 @@ CHANGES += room(
     ),
     Change(
         "named-channel-deleted", f"{FOREIGN}/understand.py",
-        "        out[name] = np.asarray(column.values, dtype=np.float64)\n", "",
+        "        draft.columns[name] = np.asarray(column.values, dtype=np.float64)\n", "",
         "a channel that --columns names is missing from the recording",
     ),
     Change(

@@ -27,8 +27,8 @@ from dehyst.daemon.files.foreign.epochs import epoch_unit, is_rising
 from dehyst.daemon.files.foreign.fields import moment_of, number_of
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet, text_of
 from dehyst.daemon.files.foreign.headings import apart
-from dehyst.daemon.files.foreign.roles import role_of
-from dehyst.daemon.files.foreign.units import LONGEST_HEADING, find_unit_key
+from dehyst.daemon.files.foreign.roles import role_of_column
+from dehyst.daemon.files.foreign.units import LONGEST_HEADING
 from dehyst.models.errors import BadRecording
 
 MOST_WIDE = 64  # columns of one two-dimensional array
@@ -154,7 +154,7 @@ def of_one_length(
     of_wanted = {column.values.size for column in _named_in(found, named)}
     roles: dict[int, set[str]] = {size: set() for size in sizes}
     for c in found.columns:
-        roles[c.values.size] |= {role_of(c.heading, find_unit_key(c.unit))[0]} - {""}
+        roles[c.values.size] |= {role_of_column(c)} - {""}
     runs = sorted(size for size in sizes if {"u", "y"} <= roles[size])
     if len(runs) > 1 and not of_wanted:
         them = ", ".join(f"{size} rows ('{_of_size(found, size)['u'].heading}')" for size in runs)
@@ -191,7 +191,7 @@ def of_one_length(
 
 def _first_of_each(found: Sheet, needs: Iterable[str]) -> list[Column]:
     """Return the first drive and the first displacement, if they are required."""
-    of = {role_of(c.heading, find_unit_key(c.unit))[0]: c for c in reversed(found.columns)}
+    of = {role_of_column(c): c for c in reversed(found.columns)}
     return [of[role] for role in "uy" if role in needs and role in of]
 
 
@@ -203,7 +203,7 @@ def _of_size(found: Sheet, size: int) -> dict[str, Column]:
     """Return the first column of this length for each role of t, u and y."""
     out: dict[str, Column] = {}
     for column in found.columns:
-        role = role_of(column.heading, find_unit_key(column.unit))[0]
+        role = role_of_column(column)
         if column.values.size == size and role in ("t", "u", "y"):
             out.setdefault(role, column)
     return out
