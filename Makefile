@@ -77,7 +77,7 @@ fuzz: $(READY)
 	-$(BIN)/python -m pip install --quiet atheris
 	$(BIN)/python -m tests.fuzz --for $(FUZZ_S)
 
-# an hour or more; ONLY="--room gate" for a part of it
+# about an hour; ONLY="--room gate" for a part of it
 mutate: kernels
 	$(BIN)/python -m tests.mutations $(ONLY)
 

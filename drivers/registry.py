@@ -43,7 +43,12 @@ class Plugin:
 def list_plugins() -> list[Plugin]:
     """Return every driver of both kinds, by kind and name, including the broken ones with their
     error. Loads all of them."""
-    return [_describe(group, point) for group in KINDS for point in _points(group)]
+    return [
+        _describe(group, point, points)
+        for group in KINDS
+        for points in [_points(group)]
+        for point in points
+    ]
 
 
 def find_plugins(name: str) -> list[Plugin]:
@@ -104,8 +109,8 @@ def _points(group: str) -> list[EntryPoint]:
     return [unique[key] for key in sorted(unique)]
 
 
-def _describe(group: str, point: EntryPoint) -> Plugin:
-    error = _clash(point, _points(group))
+def _describe(group: str, point: EntryPoint, points: Iterable[EntryPoint]) -> Plugin:
+    error = _clash(point, points)
     found, fault = _try(group, point)
     if found is None:
         summary = ""

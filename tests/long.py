@@ -44,7 +44,10 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_a_connection_that_ends",
         ),
         "drivers/python_object/test_recipes.py": ("test_pipython",),
-        "daemon/page/test_behind_a_proxy.py": ("test_a_browser_commands_through_the_proxy[caddy]",),
+        "daemon/page/test_behind_a_proxy.py": (
+            "test_a_browser_commands_through_the_proxy[caddy]",
+            "test_a_browser_commands_through_the_proxy[nginx]",
+        ),
         "daemon/commands/test_remote.py": (
             "test_status_is_one_screen",
             "test_play_watched_and_recorded",
@@ -78,7 +81,11 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_the_roles_hold",
             "test_what_one_axis_refuses",
         ),
-        "daemon/setup/test_folder.py": ("test_a_folder_is_the_same",),
+        "daemon/setup/test_folder.py": (
+            "test_a_folder_is_the_same",
+            "test_a_bench_that_runs",
+            "test_two_set_ups",
+        ),
         "daemon/terminal/test_dumb.py": (
             "test_a_terminal_that_cannot_redraw_gets_lines[None]",
             "test_a_terminal_that_cannot_redraw_gets_lines[]",
@@ -86,9 +93,12 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_another_terminal",
         ),
         "packaging/test_resolve.py": ("test_wheels_for_all",),
+        "packaging/test_wheel.py": ("",),
     },
     "a further fault of a service that `make test` kills, hangs and unplugs once each": {
         "daemon/service/test_chaos.py": (
+            "test_fault[stranger_floods]",
+            "test_fault[hub_unplugged]",
             "test_fault[other_dialect]",
             "test_fault[hang]",
             "test_fault[unplug_without_gateway]",
@@ -181,16 +191,52 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_a_stop_that_is_not_answered",
             "test_a_repetition_that_was_late",
         ),
-        "daemon/service/test_three_axes.py": ("test_a_file_with_two_axes",),
+        "daemon/service/test_three_axes.py": (
+            "test_a_file_with_two_axes",
+            "test_the_death_of_the_core",
+        ),
         "daemon/page/test_commanding.py": ("test_a_stop_waits_while",),
         "daemon/client/test_positioner.py": (
+            "test_a_repetition_that_was_late_is_sent_again[late]",
             "test_a_repetition_that_was_late_is_sent_again[flood]",
         ),
-        "daemon/commands/test_words.py": ("test_an_interrupt_during_the_imports",),
+        "daemon/commands/test_words.py": (
+            "test_an_interrupt_during_the_imports",
+            "test_an_interrupt_while_the_bench_starts_leaves_nothing_behind[0.7]",
+            "test_an_interrupt_while_the_bench_starts_leaves_nothing_behind[0.9]",
+        ),
         "daemon/page/test_strangers.py": ("test_a_wrong_frame",),
+        "daemon/service/test_stops.py": (
+            "test_a_core_that_was_suspended",
+            "test_a_stop_during_a_fault",
+        ),
+        "daemon/service/test_two_daemons.py": (
+            "test_one_port_two_run_folders",
+            "test_a_second_one_on_the_same_run_folder_names_the_first[core]",
+            "test_a_second_one_on_the_same_run_folder_names_the_first[safe]",
+        ),
+        "daemon/test_log_lines.py": (
+            "test_a_writer_ends_as_it_wants_whatever_becomes_of_its_log[a stopped",
+            "test_a_writer_ends_as_it_wants_whatever_becomes_of_its_log[a slow",
+        ),
+        "daemon/test_kernel_cache.py": (
+            "test_a_planted_entry_is_not_loaded[link]",
+            "test_a_planted_entry_is_not_loaded[folder]",
+        ),
+        "daemon/files/test_bounds.py": (
+            "test_bombs[a pipe as a recording]",
+            "test_bombs[100 000 blocks]",
+            "test_bombs[a pipe as a model]",
+            "test_bombs[notes without end]",
+            "test_bombs[an endless device]",
+        ),
     },
     "the same on a further unit, engine or key": {
         "drivers/apt/test_in_the_loop.py": (
+            "test_another_unit_at_the_port_gets_no_voltage[kpc101]",
+            "test_without_the_gauge",
+            "test_an_amplifier_that_fails_is_named_and_its_output_stays_and_goes_on_without_a_jump[unplugged-bpc303",
+            "test_an_amplifier_that_fails_is_named_and_its_output_stays_and_goes_on_without_a_jump[unplugged-kpc101",
             "test_an_amplifier_that_fails_is_named_and_its_output_stays_and_goes_on_without_a_jump[stuck-bpc303",
             "test_an_amplifier_that_fails_is_named_and_its_output_stays_and_goes_on_without_a_jump[stuck-kpc101",
             "test_another_unit_at_the_port_gets_no_voltage[bpc303]",
@@ -201,6 +247,8 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_without_its_gauge",
         ),
         "daemon/loop/test_process.py": (
+            'test_reload_swaps_a_good_model_and_refuses_a_broken_one[engine = "compiled"]',
+            'test_sigterm_ramps_to_the_safe_voltage[engine = "python"]',
             'test_a_trimmed_stage_stands_where_the_gauge_says[engine = "compiled"]',
             "test_serial_bench_unplug_and_back",
             'test_reload_swaps_a_good_model_and_refuses_a_broken_one[engine = "python"]',
@@ -211,6 +259,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_a_higher_priority_and_a_stopped_process_are_named[python]",
         ),
         "daemon/bus/test_security.py": (
+            "test_a_command_sent_again_under_the_same_lease_is_refused[certificate]",
             "test_the_commands_take_credentials[password]",
             "test_operator_commands_observer_sees_nobody_else_connects[certificate]",
             "test_the_commands_take_credentials[certificate]",
@@ -222,6 +271,9 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_replies_in_pieces[2",
         ),
         "packaging/test_systems.py": (
+            "test_the_page_is_served[darwin]",
+            "test_a_configuration_names_its_run_folder_without_a_users_number[darwin]",
+            "test_a_command_runs_to_its_end[darwin",
             "test_all_of_the_library_is_imported[darwin]",
             "test_all_of_the_library_is_imported[win32]",
             "test_a_command_runs_to_its_end[win32",
@@ -229,6 +281,9 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
         "packaging/test_debian.py": ("",),
         "packaging/test_site.py": ("",),
         "daemon/page/test_pictures.py": (
+            "test_arrows_move_the_axes_of_the_plane[3]",
+            "test_a_picture_can_be_taken[3-1280]",
+            "test_the_most_used_comes_first_and_nothing_is_cut_or_half_empty[1-1280]",
             "test_a_picture_can_be_taken[1-3840]",
             "test_a_picture_can_be_taken[3-3840]",
             "test_a_picture_can_be_taken[1-1280]",
@@ -247,6 +302,8 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_without_a_daemon_it_ends_in_one_line[arguments1",
         ),
         "daemon/files/test_recorder.py": (
+            "test_a_kill_costs_no_more_than_what_was_held[10000-mcap]",
+            "test_what_is_said_of_a_full_disk_is_true[mcap]",
             "test_the_disk_holds_no_more_than_it_may[csv.gz]",
             "test_the_disk_holds_no_more_than_it_may[mcap]",
         ),
@@ -255,6 +312,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_the_emulated_unit_as_it_is",
         ),
         "daemon/service/test_chaos_units.py": (
+            "test_fault_of_a_unit[mdt694b-unplug",
             "test_fault_of_a_unit[mdt694b-foreign",
             "test_fault_of_a_unit[mdt694b-late",
         ),
@@ -265,6 +323,23 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_one_axis_is_what_it_has[bpc303]",
             "test_one_axis_is_what_it_has[kpz101]",
         ),
+        "daemon/page/test_strangers.py": (
+            "test_guesses_are_slow_whichever_way_and_nobody_else_waits[by_header]",
+            "test_guesses_are_slow_whichever_way_and_nobody_else_waits[by_text",
+            "test_guesses_are_slow_whichever_way_and_nobody_else_waits[by_socket",
+        ),
+        "daemon/commands/test_printed_commands.py": (
+            "test_a_screen_of_any_encoding_shows_what_it_can[utf-8]",
+            "test_a_screen_of_any_encoding_shows_what_it_can[latin-1]",
+        ),
+        "daemon/loop/test_channels.py": ("test_the_running_core_follows_a_temperature[python]",),
+        "daemon/commands/test_latency.py": ("test_measures_the_loop_and_says_so_in_json[python]",),
+        "drivers/kpc101/test_driver.py": (
+            "test_a_late_position_is_not_taken_for_the_next_one[False]",
+        ),
+        "daemon/epics/test_epics.py": ("test_beacons",),
+        "daemon/gcs/test_pipython.py": ("test_killed_in_motion",),
+        "daemon/commands/test_probe.py": ("test_a_kpc101_and_its_gauge",),
     },
     "a load of thousands, or a wait of ten seconds and more": {
         "daemon/page/test_strangers.py": (
@@ -297,6 +372,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "a diagnosis of a further effect, stage or seed": {
         "models/identify/test_own_starts.py": (
+            "test_hum_in_the_others",
             "test_a_recording_that_does_not_belong_is_named_and_the_others_are_used[of_a_gauge_that_is_off-2",
             "test_a_recording_that_does_not_belong_is_named_and_the_others_are_used"
             "[of_another_gain",
@@ -317,6 +393,8 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         "models/diagnosis/test_growth.py": ("",),
         "models/diagnosis/test_beside_the_model.py": (
+            "test_a_zero_that_wanders",
+            "test_creep_added_to_a_stage",
             "test_a_drive_held_after",
             "test_a_shape_beside_an_effect",
             "test_coupling_through_a_lag[0.012]",
@@ -327,6 +405,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_an_open_input",
         ),
         "models/diagnosis/test_hard_recordings.py": (
+            "test_a_delay_at_few_moments",
             "test_a_slew_limit_that_few",
             "test_with_little_noise_what_the_base_leaves_is_no_physics[in the class]",
             "test_slow_sampling",
@@ -345,6 +424,8 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_hidden_effect_is_named_first_and_the_model_predicts[drift]",
         ),
         "models/diagnosis/test_written_model.py": (
+            "test_an_effect_of_another_size_in_each_recording_is_not_named[4]",
+            "test_a_line_whose_phase",
             "test_a_part_that_gives_a_value",
             "test_an_effect_of_another_size_in_each_recording_is_not_named[40]",
             "test_hum_in_a_servo",
@@ -352,6 +433,8 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_rows_without_a_channel",
         ),
         "models/diagnosis/test_rests.py": (
+            "test_a_mode_that_rings_after_steps_alone_is_named[350.0-random",
+            "test_a_mode_that_rings_after_steps_alone_is_named[350.0-two",
             "test_a_mode_beside_a_quiet_recording",
             "test_the_written_model_predicts_other_steps_and_a_sine[1]",
             "test_a_mode_that_rings_after_steps_alone_is_named[110.0",
@@ -362,20 +445,29 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         "models/diagnosis/test_friction.py": ("test_friction_on_a_stage_that_runs_back",),
         "models/diagnosis/test_diagnosed_model.py": (
+            "test_a_model_of_another_stage_is",
             "test_a_delay_on_a_stage_of_the_models_class",
             "test_the_given_model_is_what",
             "test_what_the_base_explains",
         ),
         "models/diagnosis/test_between.py": (
+            "test_a_shape_that_ten_places",
             "test_one_recording_of_ten_places",
             "test_a_delay_is_reported",
         ),
-        "models/diagnosis/test_real.py": ("test_coupling_through_several_modes",),
+        "models/diagnosis/test_real.py": (
+            "test_coupling_through_several_modes",
+            "test_coupling_through_a_mode",
+        ),
         "replay/test_diagnose_real.py": (
             "test_the_written_model_follows",
             "test_what_began_before",
         ),
         "benchmarks/models/test_proof.py": (
+            "test_what_no_reading_determines",
+            "test_a_drift_from_before_two",
+            "test_an_effect_without_which",
+            "test_a_small_effect_of_the_drive",
             "test_a_recording_that_shows_most",
             "test_what_two_recordings_do_not",
             "test_a_quiet_stage",
@@ -394,10 +486,12 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_limits_hold_and_preview",
         ),
         "models/identify/test_dynamics.py": (
+            "test_the_side_of_a_long_lag_is_reported[drive]",
             "test_a_lag_is_found[drive-0.015]",
             "test_a_lag_is_found[sensor",
         ),
         "models/identify/test_lag_kinds.py": (
+            "test_how_the_input_of_a_lag_moves_between_samples_is_found[staircase-drive-held",
             "test_how_the_input_of_a_lag_moves_between_samples_is_found[staircase-sensor",
             "test_one_drive_shows_what_it_is_and_predicts_another[lag-raster]",
             "test_how_the_input_of_a_lag_moves_between_samples_is_found[raster",
@@ -408,10 +502,15 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_weights_that_depend_on_the_rate_are_not_taken_for_a_lag_about_a_bias[9904]",
         ),
         "daemon/doctor/test_ends.py": (
+            "test_a_stage_at_rest_is_examined_and_all_pictures_of_its_report_are_drawn[3.0]",
             "test_a_stage_at_rest_is_examined_and_all_pictures_of_its_report_are_drawn[0.3]",
         ),
         "models/diagnosis/test_times.py": ("test_creep_of_an_earlier",),
         "models/diagnosis/test_stage_changes.py": (
+            "test_the_written_model_is_judged_by_the_readings_as_they_are[4]",
+            "test_a_change_is_not_told_where_its_gain",
+            "test_a_stage_that_follows_a_temperature",
+            "test_the_written_model_is_judged_by_the_readings_as_they_are[28]",
             "test_a_sudden_change_is_told_with_its_time_and_no_slow_physics[4]",
             "test_a_sudden_change_is_told_with_its_time_and_no_slow_physics[28]",
         ),
@@ -430,6 +529,12 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_95_of_100_intervals_hold_the_true_value[rich_base",
         ),
         "models/learning/test_trim.py": ("test_a_gauge_that_stays_wrong",),
+        "models/identify/test_what_is_shown.py": ("test_a_stop_is_remarked[up]",),
+        "daemon/commands/test_other_files.py": (
+            "test_each_command_says_once_how_a_file_was_understood[diagnose german",
+        ),
+        "models/identify/test_timing.py": ("test_readings_that_are_stale_by_chance",),
+        "benchmarks/models/test_whose_lag.py": ("test_a_curve_that_does_not_settle",),
     },
 }
 """Files below tests/ by the reason, and how the names of their tests begin."""

@@ -3,10 +3,11 @@
     python -m tests.mutations [--only NAME ...] [--room ROOM ...] [--jobs N] [--list]
 
 Each change in the lists of this folder is applied to its own copy of the tree in a temporary
-folder, where the tests that should notice it run until the first failure. Before that, they run
-once on an unchanged copy. A change is `noticed` when a test fails (or does not end) and `survived`
-when all pass. Exit status: 1 if a change survives without a listed reason, could not be applied or
-could not be judged; else 0.
+folder, where the tests that should notice it run until the first failure; the test that noticed it
+before, as docs/noticed.md says, runs first. All tests that failed then run on an unchanged copy.
+A change is `noticed` when a test fails that passes there (or does not end) and `survived` when all
+pass. Exit status: 1 if a change survives without a listed reason, could not be applied or could
+not be judged; else 0.
 
 No maintained tool fits: mutmut 3 copies each function into a switch and leaves out decorated
 functions, so every numba kernel; cosmic-ray changes each operator and number of a file without
@@ -20,7 +21,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -28,100 +28,122 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.mutations.change import ROOT, Change, copy_project, link_tree, put
+from tests.mutations.order import FIRST
 from tests.mutations.rooms import ROOMS
+from tests.parts import memory_folder
 
 NOTICED, SURVIVED, UNFIT = "noticed", "survived", "could not apply"
 UNJUDGED = "could not be judged"
-LEAST_S, TIMES = 270.0, 5.0
-"""Time limit of a run on changed code: this, or this multiple of the time on unchanged code. Tests
-end themselves after 120 s, some after 240 s, so that the test that noticed is named."""
+LIMIT_S = 900.0
+"""Time limit of a run on changed code. Tests end themselves after 120 s, some after 240 s, so that
+the test that noticed is named; the longest files take 250 s on unchanged code."""
+RECORDED = ROOT / "docs" / "noticed.md"
+"""Where the test that noticed each change is recorded."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result of a change; by: the test that noticed it, or the reason for the result."""
+    """The result of a change; by: the test that noticed it, or the reason for the result; node:
+    the failed test as pytest takes it."""
 
     change: Change
     result: str
     by: str = ""
-    seconds: float = 0.0
+    node: str = ""
 
 
-def run_tests(tree: Path, tests: Sequence[str], limit_s: float) -> tuple[int | None, str]:
+def recorded_tests() -> dict[str, str]:
+    """Return for each change the name of the test that noticed it before."""
+    text = RECORDED.read_text(encoding="utf-8")
+    return dict(re.findall(r"^\| [\w ]+: ([\w-]+) \|.*\| `(test_\w+)[^|]*\|$", text, re.MULTILINE))
+
+
+def run_tests(
+    tree: Path, tests: Sequence[str], *options: str, first: str = ""
+) -> tuple[int | None, str]:
     """Return the exit status of pytest (None if it did not end) and its output."""
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
+    command += ["-p", "tests.mutations.order", *options, *tests]
     data = os.environ.get("DEHYST_DATA") or str(ROOT.parent / "shared")
     path = os.pathsep.join([str(tree / "src"), str(tree)])
-    env = {**os.environ, "PYTHONPATH": path, "DEHYST_DATA": data}
+    env = {**os.environ, "PYTHONPATH": path, "DEHYST_DATA": data, FIRST: first}
     env.pop("NUMBA_CACHE_DIR", None)  # each copy has the kernels next to their files
-    with subprocess.Popen(
-        command, cwd=tree, env=env, text=True, start_new_session=True,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-    ) as process:  # fmt: skip
+    with tempfile.TemporaryDirectory(prefix="t-", dir=tree.parent) as files:
+        command += ["--basetemp", f"{files}/all"]
+        process = subprocess.Popen(
+            command, cwd=tree, env=env, text=True, start_new_session=True,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        )  # fmt: skip
         try:
-            out, _ = process.communicate(timeout=limit_s)
+            out, _ = process.communicate(timeout=LIMIT_S)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             return None, process.communicate()[0]
-    return process.returncode, out
+        return process.returncode, out
 
 
-def judge(base: Path, folder: Path, change: Change, usual_s: float) -> Outcome:
+def failed_in(out: str) -> list[str]:
+    """Return the tests that pytest's summary names as failed."""
+    return re.findall(
+        r"^(?:FAILED|ERROR) (\S+?\.py(?:::\w+)*(?:\[.*?\])?)(?: - .*)?$", out, re.MULTILINE
+    )
+
+
+def judge(base: Path, folder: Path, change: Change, first: str) -> Outcome:
     """Apply one change to a copy of the base and run its tests there."""
-    begun = time.monotonic()
     with tempfile.TemporaryDirectory(dir=folder) as name:
         tree = link_tree(base, Path(name) / "tree")
         try:
             put(tree, change)
         except (ValueError, OSError) as error:
             return Outcome(change, UNFIT, str(error))
-        code, out = run_tests(tree, change.tests, max(LEAST_S, TIMES * usual_s))
-    seconds = time.monotonic() - begun
+        code, out = run_tests(tree, change.tests, "-x", first=first)
     if code is None:
-        return Outcome(change, NOTICED, "it did not end", seconds)
+        return Outcome(change, NOTICED, "it did not end")
     if code == 0:
-        return Outcome(change, SURVIVED, change.survives, seconds)
-    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", out, re.MULTILINE)
-    if code == 1 and failed:
-        return Outcome(change, NOTICED, failed[1].rpartition("::")[2], seconds)
-    return Outcome(change, UNJUDGED, f"pytest ended with {code}: {out.strip()[-400:]}", seconds)
+        return Outcome(change, SURVIVED, change.survives)
+    if code == 1 and (failed := failed_in(out)):
+        return Outcome(change, NOTICED, failed[0].rpartition("::")[2], failed[0])
+    return Outcome(change, UNJUDGED, f"pytest ended with {code}: {out.strip()[-400:]}")
 
 
-def check_unchanged(
-    base: Path, changes: Sequence[Change], pool: ThreadPoolExecutor
-) -> dict[tuple[str, ...], float]:
-    """Return the seconds that each set of tests takes on unchanged code; sets that fail are left
-    out."""
+def fail_unchanged(base: Path, nodes: Sequence[str], pool: ThreadPoolExecutor) -> set[str]:
+    """Return which of these tests do not pass on unchanged code."""
+    files: dict[str, list[str]] = {}
+    for node in nodes:
+        files.setdefault(node.partition("::")[0], []).append(node)
 
-    def one(tests: tuple[str, ...]) -> tuple[tuple[str, ...], int | None, float]:
-        begun = time.monotonic()
-        code, out = run_tests(base, tests, 1800.0)
-        print(f"unchanged: {' '.join(tests)}: {out.strip().splitlines()[-1:]}", flush=True)
-        return tests, code, time.monotonic() - begun
+    def one(of_a_file: list[str]) -> list[str]:
+        code, out = run_tests(base, of_a_file)
+        return [] if code == 0 else failed_in(out) or of_a_file
 
-    judged = pool.map(one, dict.fromkeys(one.tests for one in changes))
-    return {tests: seconds for tests, code, seconds in judged if code == 0}
+    return {node for failed in pool.map(one, files.values()) for node in failed}
 
 
 def run(changes: Sequence[Change], jobs: int) -> list[Outcome]:
     """Judge all changes, in order, and print each outcome when it is known."""
+    recorded = recorded_tests()
     with (
-        tempfile.TemporaryDirectory(prefix="dehyst-mutations-") as name,
+        tempfile.TemporaryDirectory(prefix="dehyst-mutations-", dir=memory_folder()) as name,
         ThreadPoolExecutor(jobs) as pool,
     ):
         folder = Path(name)
         base = copy_project(folder / "base")
-        usual_s = check_unchanged(base, changes, pool)
 
         def one(change: Change) -> Outcome:
-            if change.tests in usual_s:
-                outcome = judge(base, folder, change, usual_s[change.tests])
-            else:
-                outcome = Outcome(change, UNJUDGED, "its tests fail on the code as it is")
+            outcome = judge(base, folder, change, recorded.get(change.name, ""))
             print(f"{outcome.result:19s} {change.name}  {outcome.by}", flush=True)
             return outcome
 
-        return list(pool.map(one, changes))
+        outcomes = list(pool.map(one, changes))
+        nodes = list(dict.fromkeys(one.node for one in outcomes if one.node))
+        print(f"{len(nodes)} tests noticed them; they run on unchanged code", flush=True)
+        broken = fail_unchanged(base, nodes, pool)
+    reason = "the test that failed also fails on the code as it is"
+    return [
+        Outcome(one.change, UNJUDGED, f"{reason}: {one.by}") if one.node in broken else one
+        for one in outcomes
+    ]
 
 
 def print_table(outcomes: Sequence[Outcome]) -> None:
@@ -151,7 +173,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="tests.mutations", description=__doc__.split("\n")[0])
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME")
     parser.add_argument("--room", nargs="+", default=[], metavar="ROOM", help=", ".join(ROOMS))
-    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--list", action="store_true", help="name the changes, apply none")
     args = parser.parse_args(argv)
     try:

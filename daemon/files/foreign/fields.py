@@ -15,6 +15,8 @@ GROUPED_BY_POINTS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?")
 GROUPED_APART = re.compile(r"[+-]?[1-9]\d{0,2}(['\u2019 \xa0\u2009\u202f]\d{3})+(\.\d*)?")
 """With apostrophes, as in Switzerland, or with spaces, as in France; a field holds a plain space
 only where something else separates the fields."""
+_PLAIN = re.compile(r"[+-]?\d+(\.\d+)?([eE][+-]?0?\d)?")
+"""What most fields hold; with a decimal point it has one meaning, which is found quickly."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d*)?)")
 _DURATION = re.compile(r"(\d+(?:[.,]\d*)?) (secs?|m?s|[uµ]s|min|hr)")
 """As MATLAB writes durations."""
@@ -46,6 +48,8 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
     if isinstance(cell, date):
         return None
     text = str(cell).strip().strip("\"'").strip()
+    if decimal != "," and _PLAIN.fullmatch(text):
+        return float(text)
     if is_missing(text):
         return math.nan
     if decimal == ",":
