@@ -79,6 +79,12 @@ class Finding:
     where: Mapping[str, Any]
     says: str
 
+    @property
+    def percent(self) -> str:
+        """The share in words: "84 %", or "less than 1 %"."""
+        share = 100.0 * min(max(self.share, 0.0), 1.0)
+        return f"{share:.0f} %" if share >= 1.0 else "less than 1 %"
+
     def to_dict(self) -> dict[str, Any]:
         """Return one entry of `effects` in diagnosis.json."""
         return {

@@ -1,6 +1,7 @@
 """Search for a structure: saturation and rate first, then offset and linear dynamics if these show,
 all with few operators and few rows."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -177,8 +178,10 @@ class Search:
     ) -> bool:
         """Return whether dynamics remove the larger part of what every static candidate leaves,
         each period of the drive with its own offset. With one period, a drift, or a change of size
-        in a stage of another class, looks like a lag or a rate-dependence. Many recordings are
-        trusted, as each has its own offset already."""
+        in a stage of another class, looks like a lag or a rate-dependence. So does creep, which
+        trails by the same part of a period at every rate; it also goes on after each change of
+        size, so that a lag as short does not explain all. Many recordings are trusted, as each has
+        its own offset already."""
         if 2 * len(self.setup.rows) > MOST_PERIODS:
             return True
 
@@ -187,7 +190,13 @@ class Search:
             return float(trial.score(one.shape, self.setup.strengths[::2]).held.sum())
 
         static = [left(c) for c in tried if c.lag is None and not c.shape.rate]
-        return not static or left(found) < TUNING.half * min(static)
+        if not static:
+            return True
+        least, own = min(static), left(found)
+        if found.lag is None or found.lag.delay_s > TRAILS * period_s:
+            return own < TUNING.half * least
+        noise = self._measure_noise(found) * float(found.sizes.sum())
+        return own - noise < TUNING.minor * (least - noise)
 
     def compare_without_lag(self, found: TriedStructure, tried: Sequence[TriedStructure]) -> float:
         """Return the misfit of a candidate with a lag over that of the best without one, both
@@ -343,6 +352,9 @@ NO_GAIN = "this is no gain beyond chance"
 NO_SEGMENTS = "but they do not predict whole segments of the drive that were held out"
 AS_PLACE = "but slopes that depend on the place predict as well"
 
+TRAILS = 0.25 * 0.08 / math.log(10.0)
+"""Part of a period by which creep of 8 % a decade, as strong as a piezo's may be, trails: an angle
+of (pi / 2) 0.08 / ln 10, over the 2 pi of a turn."""
 FEWEST_PERIODS = 6
 """Least number of periods of which offsets show a straight drift, and not a chance."""
 MOST_PERIODS = 100

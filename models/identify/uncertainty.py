@@ -25,6 +25,10 @@ LARGEST_LEVERAGE = 0.99
 """Upper limit of the leverage of one stretch: 1 - leverage stays positive if one stretch alone
 determines a parameter."""
 
+MANY, FARTHEST, PLAINLY = 100, 8, 0.7
+"""Differences of which medians are compared, samples that are at most apart for that (one of eight
+multiples of any period is within a ninth of it of a whole one), and the ratio of medians that
+chance does not give white noise."""
 OUTLYING = 6.0
 """Standard deviations of the noise beyond which a difference belongs to an outlier."""
 
@@ -44,15 +48,21 @@ def estimate_noise(residual: Floats, step: float = 0.0) -> float:
 
     residual: (N,), NaN where unknown; step: of the reading's rounding (`signals.rounding.quantum`).
     From second differences, var(e[i-1] - 2 e[i] + e[i+1]) = 6 var(e) for white noise, by the
-    median, so that lone outliers do not count. Where the reading is rounded to steps larger than
-    that, the median is one of a few multiples of the step: then by the rms, and never less than the
-    rms of the rounding. Noise that a filter has smoothed is underestimated; NaN when fewer than ten
-    triples are known.
+    median, so that lone outliers do not count. A line of hum that has few samples to a period
+    changes from sample to sample too, but hardly over a whole number of its periods: where the
+    differences of samples further apart are plainly smaller, these are taken. Where the reading is
+    rounded to steps larger than that, the median is one of a few multiples of the step: then by the
+    rms, and never less than the rms of the rounding. Noise that a filter has smoothed is
+    underestimated; NaN when fewer than ten triples are known.
     """
-    second = _difference_twice(residual)
+    second = _difference_twice(residual, 1)
     if second.size < 10:
         return float("nan")
-    noise = 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0)
+    if second.size >= MANY:
+        each = [_difference_twice(residual, apart) for apart in range(2, FARTHEST + 1)]
+        least = min(each, key=_typical)
+        second = least if _typical(least) < PLAINLY * _typical(second) else second
+    noise = 1.4826 * _typical(second) / np.sqrt(6.0)
     if step <= noise:
         return noise
     least = rounding_rms(step)
@@ -60,15 +70,21 @@ def estimate_noise(residual: Floats, step: float = 0.0) -> float:
     return max(float(np.sqrt(np.mean(inner**2) / 6.0)), least)
 
 
-def _difference_twice(residual: Floats) -> Floats:
-    """Return the second differences that are known."""
+def _typical(second: Floats) -> float:
+    return float(np.median(np.abs(second)))
+
+
+def _difference_twice(residual: Floats, apart: int) -> Floats:
+    """Return the second differences that are known, of samples so many rows apart."""
     if residual.size > LONG:  # parts of it are sufficient
         parts = np.array_split(residual, PARTS)
         residual = np.concatenate([part[: LONG // PARTS] for part in parts])
-    second = np.diff(residual, 2)
-    second = second[~np.isnan(second)]
-    if second.size < 10:  # a slow sensor: use differences of successive readings
-        second = np.diff(residual[~np.isnan(residual)], 2)
+    for known in (residual, residual[~np.isnan(residual)]):  # a slow sensor's: of its readings
+        first = known[apart:] - known[:-apart]
+        second = first[apart:] - first[:-apart]
+        second = second[~np.isnan(second)]
+        if second.size >= 10:
+            break
     return second
 
 

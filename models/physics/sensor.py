@@ -179,11 +179,10 @@ class NonlinearSensor(Candidate):
         return (Block("ripple", "sensor", params),)
 
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
-        period, unit = values["period_um"]
         return (
             f"The reading errs by {format_length(values['amplitude_um'])} in a pattern that "
-            f"repeats every {period:.3g} {unit} along the range: calibrate the sensor; "
-            "the drive must not correct this."
+            f"repeats every {format_length(values['period_um'])} along the range: calibrate the "
+            "sensor; the drive must not correct this."
         )
 
 

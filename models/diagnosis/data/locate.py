@@ -40,7 +40,7 @@ def locate(data: Data, residual: Floats, sigma: float) -> dict[str, Any]:
         place = np.clip(np.digitize(values[used], edges[1:-1]), 0, edges.size - 2)
         count = np.bincount(place, minlength=edges.size - 1)
         power = np.bincount(place, e[used] ** 2, edges.size - 1)
-        share = np.clip((power - count * sigma**2) / total, 0.0, None)
+        share = np.clip((power - count * sigma**2) / total, 0.0, 1.0)
         share[power < count * sigma**2 * (1 + 3 * np.sqrt(2.0 / np.maximum(count, 1)))] = 0.0
         return {
             "edges": edges.tolist(),

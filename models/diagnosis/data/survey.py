@@ -4,7 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dehyst.models.diagnosis.data.drive_path import has_few_turns, has_long_rest, has_rests
+from dehyst.models.diagnosis.data.drive_path import (
+    count_turns,
+    has_few_turns,
+    has_long_rest,
+    has_rests,
+)
 from dehyst.models.diagnosis.data.noise import quantum
 from dehyst.models.diagnosis.result import DataQuality
 from dehyst.models.physics.candidate import format_length
@@ -73,7 +78,9 @@ def survey(
             f"the noise is coloured: {format_length((whole, data.unit))} rms in all, of which "
             f"{format_length((sigma, data.unit))} from sample to sample"
         )
-    if not has_response_to_drive(data, unexplained):
+    turns = count_turns(data)
+    is_other_class = turns == 0 or BUTTERFLY_WARNING in more
+    if not (is_other_class or has_response_to_drive(data, unexplained)):
         share = max(0.0, 1.0 - unexplained / _variance(data))
         why = (
             f"a memory of the drive of any shape explains {share:.0%} of it"
@@ -84,7 +91,7 @@ def survey(
             f"the displacement does not follow the drive: {why}; check the sensor, its cable and "
             "the columns, and whether the recording was made under feedback"
         )
-    if has_no_loop(data, sigma):
+    if turns and has_no_loop(data, sigma):
         reach = float(np.ptp(data.y[data.rows]))
         width = WIDTH * max(NARROW[0] * sigma / reach, NARROW[1])
         said.append(
@@ -99,11 +106,12 @@ def survey(
     if has_few_turns(data):
         slow = "" if has_long_rest(data) else ", and no slow change,"
         said.append(
-            "the drive hardly reverses: of what it causes, only what its rests show can be "
-            "distinguished from the loop"
-            if has_rests(data)
-            else f"the drive hardly reverses: nothing that it causes{slow} can be distinguished "
-            "from the loop"
+            f"the drive {'hardly' if turns else 'never'} reverses: "
+            + (
+                "of what it causes, only what its rests show can be distinguished from the loop"
+                if has_rests(data)
+                else f"nothing that it causes{slow} can be distinguished from the loop"
+            )
         )
     left_out = int(np.count_nonzero(data.heads))
     if left_out > 0:

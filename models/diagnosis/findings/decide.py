@@ -155,12 +155,21 @@ def _reservations(
     return text
 
 
+WHERE = {
+    "drive": "of the drive",
+    "rate": "of its rate",
+    "since_turn": "after a turn",
+    "in_hold": "into a hold",
+}
+"""What the tables of `locate` are about, after "40% at 5.7 to 6 V"; others say it themselves."""
+
+
 def report_unknown(
     left: float, share: float, where: dict[str, str], unit: str, when: str = ""
 ) -> Finding:
     """Return the finding for structure that nothing in the library explains. left: rms; share:
     share of the explainable misfit; when: text on when it occurs."""
-    places = "; ".join(f"{k.replace('_', ' ')}: {v}" for k, v in where.items())
+    places = ", ".join(f"{v} {WHERE.get(k, '')}".rstrip() for k, v in where.items())
     nowhere = "." if when else ", spread over the whole recording."
     return Finding(
         name="unknown",
@@ -177,7 +186,7 @@ def report_unknown(
         says=(
             f"No effect in the library explains this part ({format_length((left, unit))} rms)"
             + (f"; {when}" if when else "")
-            + (f"; it occurs at {places}." if places else nowhere)
+            + (f"; of it, {places}." if places else nowhere)
         ),
     )
 

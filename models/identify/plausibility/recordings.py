@@ -69,7 +69,8 @@ def require_places(rows: Sequence[Rows], unit: str) -> None:
         return
     rests = np.bincount(np.minimum((PLACES * (u - low) / span).astype(int), PLACES - 1))
     commonest = np.sort(np.argsort(rests)[-FEW_PLACES:])
-    if u.size - int(rests[commonest].sum()) >= TUNING.fewest_rows:
+    elsewhere = u.size - int(rests[commonest].sum())
+    if elsewhere >= min(TUNING.fewest_rows, TUNING.half * u.size):
         return
     values = [f"{low + span * k / (PLACES - 1):.3g}" for k in commonest if rests[k]]
     raise BadRecording(

@@ -124,12 +124,23 @@ def test_a_butterfly_is_reported() -> None:
     d = diagnose_without_limits([Recording(t, u, y)])
     assert d.verdict != "clean"
     assert any("butterfly" in s for s in d.data.says)
+    assert not any("does not follow" in s for s in d.data.says)  # the gauge and its cable are fine
     assert names(d) <= PHYSICS
     # nothing that follows such a curve can be inverted: the model in use stays
     assert d.rms["augmented"] == pytest.approx(d.rms["model"])
     assert d.model == d.base_model
     assert "one side" in d.next_experiment
     assert not any("it is compensated" in f.says for f in d.findings)
+
+
+def test_of_a_ramp_no_sensor_and_no_feedback_is_suspected() -> None:
+    """A drive that never turns shows one branch, which is a curve, and no change of direction."""
+    t = np.arange(N) * DT
+    u = 100.0 * t / t[-1]
+    y = 0.1 * u + 0.0003 * u**2 + 0.02 * np.random.default_rng(1).standard_normal(N)
+    said = diagnose_without_limits([Recording(t, u, y)]).data.says
+    assert any("never reverses" in s for s in said)
+    assert not any("does not follow" in s or "closed loop" in s for s in said)
 
 
 def test_a_stage_that_runs_back_at_its_turns_is_no_butterfly() -> None:

@@ -19,6 +19,7 @@ from tests.rigs.outside import (
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.errors import BadRecording
 from dehyst.models.identify import identify
+from dehyst.models.recording import Recording
 
 OUTSIDE = outside()
 REASONS = {
@@ -180,3 +181,12 @@ def test_pure_noise_is_no_butterfly(rms_um: float) -> None:
         y = np.random.default_rng(seed).normal(0.0, rms_um, t.size)
         with pytest.raises(BadRecording, match="does not follow the drive"):
             identify([type(linear())(t, u, y, name="noise.csv")])
+
+
+@pytest.mark.parametrize("rows", [60, 70])
+def test_a_short_recording_that_moves_is_not_taken_for_jumps(rows: int) -> None:
+    t = 0.02 * np.arange(rows)
+    u = 50.0 - 50.0 * np.cos(2 * np.pi * t / 0.5) * (1.0 - 0.5 * t / t[-1])
+    y = plays(u, np.array([0.0, 5.0, 15.0]), np.array([0.06, 0.03, 0.02]))
+    noise = 0.01 * np.random.default_rng(rows).standard_normal(rows)
+    assert identify([Recording(t, u, y + noise, name="a.csv")]).model.hysteresis.b.size

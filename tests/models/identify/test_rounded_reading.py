@@ -59,3 +59,13 @@ def test_a_reading_without_steps_is_judged_as_ever(seed: int) -> None:
     residual = kinds[seed % len(kinds)]
     median = 1.4826 * float(np.median(np.abs(np.diff(residual, 2)))) / np.sqrt(6.0)
     assert estimate_noise(residual, quantum(residual)) == median
+
+
+@pytest.mark.parametrize("periods_a_row", [1 / 16, 0.12, 0.2, 0.25, 0.313, 0.37, 0.48])
+def test_a_line_of_hum_is_no_noise(periods_a_row: float) -> None:
+    """50 Hz read 200 times a second changes from row to row as much as white noise does."""
+    rows = np.arange(2000)
+    white = 0.02 * np.random.default_rng(1).standard_normal(rows.size)
+    line = 0.5 * np.sin(2 * np.pi * periods_a_row * rows)
+    assert estimate_noise(white + line) < 0.11
+    assert estimate_noise(white) == pytest.approx(0.02, rel=0.05)

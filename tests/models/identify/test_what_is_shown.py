@@ -136,3 +136,26 @@ def test_a_loop_of_a_thousandth_of_the_stroke_is_said_to_be_hardly_any() -> None
     y += 1e-4 * np.random.default_rng(0).standard_normal(N)
     found = identify([Recording(T, u, y, name="a.csv")])
     assert any(note.startswith("hardly any hysteresis") for note in found.notes)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.04])
+def test_creep_in_slow_loops_of_one_rate_is_no_lag(share: float) -> None:
+    """Creep trails by the same part of a period at any rate, a lag by the same time."""
+    t = 0.05 * np.arange(3000)
+    u = 100.0 * (1.0 - 0.85 * t / t[-1]) * (0.5 - 0.5 * np.cos(2 * np.pi * t / 20.0))
+    slopes = np.array([0.02, 0.012, 0.01, 0.008, 0.006, 0.004, 0.003])
+    y = plays(u, np.array([0.0, 4.0, 8.0, 14.0, 20.0, 28.0, 38.0]), slopes)
+    crept = y + share * sum(relaxed(y, 0.05, tau) for tau in (0.3, 3.0, 30.0, 300.0))
+    noise = 0.004 * np.random.default_rng(3).standard_normal(t.size)
+    found = identify([Recording(t, u, crept + noise, name="a.csv")])
+    assert found.model.blocks == ()
+    assert any(note.startswith("one rate: lag, delay") for note in found.notes)
+
+
+def relaxed(y: Floats, step_s: float, tau_s: float) -> Floats:
+    """Return what follows y (N,) with a time constant, from rest."""
+    keep = np.exp(-step_s / tau_s)
+    out = np.zeros(y.size)
+    for i in range(1, y.size):
+        out[i] = keep * out[i - 1] + (1.0 - keep) * y[i]
+    return out

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dehyst.models.recording import Floats
-from dehyst.models.signals.pace import WAY, measure_pace
+from dehyst.models.signals.pace import WAY, measure_pace, measure_slowest_s
 
 
 def by_definition(t: Floats, u: Floats, u_range: float) -> Floats:
@@ -31,3 +31,12 @@ def test_of_a_long_recording_it_is_as_slow_as_of_a_short_one() -> None:
     assert found.size == t.size
     assert found[-1] == pytest.approx(10.0, abs=0.1)
     assert np.median(found[20_000:90_000]) == pytest.approx(0.05 / np.pi * 2**0.5, rel=0.1)
+
+
+def test_after_a_pause_it_is_that_of_a_recording_that_begins_there() -> None:
+    u = 50.0 + 40.0 * np.sin(np.linspace(0.0, 4.0 * np.pi, 500))
+    t = np.arange(500) / 100.0
+    paused = np.r_[t, t + 3600.0]
+    each = measure_pace(t, u, 80.0)
+    np.testing.assert_allclose(measure_pace(paused, np.r_[u, u], 80.0), np.r_[each, each])
+    assert measure_slowest_s(paused, np.r_[u, u], 80.0) < 2.0

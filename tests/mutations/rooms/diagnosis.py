@@ -1101,6 +1101,13 @@ CHANGES = [
             "a reading that settles by itself follows a periodic drive",
         ),
         Change(
+            "a-ramp-needs-another-cable",
+            "models/diagnosis/data/survey.py",
+            "turns == 0 or BUTTERFLY_WARNING in more",
+            "False",
+            "the owner of a ramp or a butterfly is sent to look at the sensor and its cable",
+        ),
+        Change(
             "late-is-not-following",
             "models/signals/following.py",
             "np.stack([du[1:], du[:-1]], axis=1)",
