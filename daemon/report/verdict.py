@@ -15,28 +15,23 @@ MOST_ROWS = 0.9  # share of the rows: fitted ones speak for the whole recording
 def verdict(result: Identification) -> str:
     """State whether the residual has reached the noise, and what to do if it has not."""
     fit, unit = result.model.fit, spell_unit(result.model.displacement_unit)
-    rms, noise = fit.rms or 0.0, result.noise_rms
-    if fit.steady_rms is not None:  # a drift is reported by itself, and no physics of the stage
-        rms = min(rms, fit.steady_rms)
+    rms, noise, apart = fit.rms or 0.0, result.noise_rms, ""
+    if fit.steady_rms is not None and fit.steady_rms < rms:
+        rms, apart = fit.steady_rms, " apart from the drift"  # which is reported by itself
+    left = f"the model leaves {rms:.3g} {unit} rms{apart}"
     if not math.isfinite(noise) or noise <= 0.0:
-        return (
-            f"The model leaves {rms:.3g} {unit} rms; the recording shows no noise to compare with."
-        )
-    ratio = rms / noise
+        return f"T{left[1:]}; the recording shows no noise to compare with."
+    ratio, floor = rms / noise, f"the noise is about {noise:.3g} {unit}"
     if ratio <= AT_NOISE:
-        return (
-            f"The residual is at the noise: the model leaves {rms:.3g} {unit} rms, the noise is "
-            f"about {noise:.3g} {unit}. {_state_rest(result)}"
-        )
+        return f"The residual is at the noise: {left}, {floor}. {_state_rest(result)}"
     excess = math.sqrt(max(rms**2 - noise**2, 0.0))
     rows = max(one.size for one in result.residuals)
     asked = "Ask `dehyst diagnose` which physics is missing."
     if rows < DIAGNOSIS.least_samples:
         asked = f"`dehyst diagnose` needs {DIAGNOSIS.least_samples} rows to say which; record more."
     return (
-        f"The residual is {ratio:.1f} times the noise: the model leaves {rms:.3g} {unit} rms, the "
-        f"noise is about {noise:.3g} {unit}, so {excess:.3g} {unit} are left that a better model "
-        f"could explain. {asked}"
+        f"The residual is {ratio:.1f} times the noise: {left}, {floor}, so {excess:.3g} {unit} are "
+        f"left that a better model could explain. {asked}"
     )
 
 

@@ -15,6 +15,7 @@ from dehyst.models.diagnosis.data.noise import noise_rms
 from dehyst.models.diagnosis.data.prepare import prepare, were_de_energised
 from dehyst.models.diagnosis.diagnosed_model import (
     DiagnosedModel,
+    fit_plain_model,
     identify_plain_model,
     take_given_model,
 )
@@ -126,9 +127,13 @@ def choose_base(
     if episode is None:
         episode = find_stage_change(fed.problem, fed.null, fed.sigma)
     if episode is not None:
-        fed = fed.with_problem(
-            replace(fed.problem, data=replace(finer, y=finer.y - episode.removed))
-        )
+        without = replace(finer, y=finer.y - episode.removed)
+        fed = fed.with_problem(replace(fed.problem, data=without))
+        if episode.of_stage and not diagnosed.given:  # it was identified across the change
+            plain = fit_plain_model(without, diagnosed.model.hysteresis.r)
+            bare = replace(bare, diagnosed=replace(bare.diagnosed, model=plain))
+            own = replace(fed.problem.diagnosed, model=plain)
+            fed = fed.with_problem(replace(fed.problem, diagnosed=own))
     return SearchProblem(prepared.whole, bare, fed, episode, foreign)
 
 

@@ -60,9 +60,9 @@ def estimate_noise(residual: Floats, step: float = 0.0) -> float:
         return float("nan")
     if second.size >= MANY:
         each = [_difference_twice(residual, apart) for apart in range(2, FARTHEST + 1)]
-        least = min(each, key=_typical)
-        second = least if _typical(least) < PLAINLY * _typical(second) else second
-    noise = 1.4826 * _typical(second) / np.sqrt(6.0)
+        calmest = min(each, key=_typical)
+        second = calmest if _typical(calmest) < PLAINLY * _typical(second) else second
+    noise = 1.4826 * _typical(second) / 6.0**0.5
     if step <= noise:
         return noise
     least = rounding_rms(step)

@@ -14,7 +14,7 @@ from dehyst.daemon.files.foreign.epochs import (
     never_falls,
     rises_evenly,
 )
-from dehyst.daemon.files.foreign.found import Column
+from dehyst.daemon.files.foreign.found import Column, Draft
 from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import (
     BY_UNIT,
@@ -40,10 +40,11 @@ def choose_columns(
     columns: Sequence[Column],
     reading: ReadOptions,
     wants: Sequence[str],
-    asked: list[str],
+    draft: Draft,
 ) -> dict[str, int]:
     """Return the column number for each role."""
     chosen: dict[str, int] = {}
+    asked = draft.asked
     for role, wanted in reading.columns.items():
         chosen[role] = _named(name, columns, role, wanted)
     if len(set(chosen.values())) < len(chosen):
@@ -64,10 +65,6 @@ def choose_columns(
     advised: dict[str, int] = {}
     if steady and not (_holds(roles, "t") or "t" in chosen or reading.rate_hz):
         advised["t"] = steady[0]
-        asked.append(
-            f"{describe_column(columns[steady[0]])} rises evenly, as times do: add "
-            + _option(columns, advised)
-        )
     for role in NAMES:
         if role in chosen or (role == "t" and (reading.rate_hz or "t" in advised)):
             continue
@@ -104,6 +101,24 @@ def choose_columns(
                 f"no heading names the {NAMES[role]} (there are {names}): add "
                 + (_option(columns, {role: advised[role]}) if left else f"--columns {role}=...")
             )
+    offered: dict[str, int] = {}  # for drive and displacement where they are not required
+    for role in "uy" if "target" not in (*wants, *chosen) else "":
+        if role in (*wants, *chosen, *several, *advised):
+            continue
+        taken = {*chosen.values(), *advised.values(), *offered.values(), *steady}
+        left = _without_role(columns, [i for i in free if i not in taken], roles, role)
+        if left:
+            offered[role] = _most_like(columns, left, role, chosen | advised | offered)
+    if "t" in advised and "t" not in several:
+        option = _option(columns, {"t": advised["t"]} | offered)
+        asked.append(
+            f"{describe_column(columns[advised['t']])} rises evenly, as times do: add {option}"
+        )
+    elif offered:
+        names = " and ".join(f"the {NAMES[role]}" for role in offered)
+        draft.offered = (
+            f"no heading names {names}: add {_option(columns, offered)} if that is right"
+        )
     taken = {i for role, i in chosen.items() if role in wants or role in reading.columns}
     left = [i for i in free if i not in taken and i != advised.get("t") and roles[i][0] != "t"]
     lacking = _lacking(columns, left, [r for r in wants if r != "t" and r not in chosen])
@@ -147,7 +162,7 @@ def path_of(heading: str) -> list[str]:
     return [heading] if path[-1][:1] in ("", " ") or find_unit_key(path[-1]) else path
 
 
-def _groups_of(heading: str) -> list[str]:
+def groups_of(heading: str) -> list[str]:
     """Return the groups of a column, and the structures of MATLAB: "run1.data.u" has two."""
     path = path_of(heading)
     fields = path[-1].split(".") if re.fullmatch(r"[^\W\d]\w*(\.\w+)+", path[-1]) else path[-1:]
@@ -232,7 +247,7 @@ def _of_one_run(
 ) -> dict[str, list[int]]:
     """Return the candidates for each role that are in one group or sheet, that of a chosen column
     if possible; {} if the candidates are not in different ones."""
-    groups = [_groups_of(column.heading) for column in columns]
+    groups = [groups_of(column.heading) for column in columns]
     for found in [*several.values()][:1]:
         for depth in range(1, 1 + min(len(groups[i]) for i in found)):
             for run in [groups[i][:depth] for i in (*chosen.values(), found[0])]:

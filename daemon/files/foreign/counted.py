@@ -19,6 +19,9 @@ _DIVIDED = re.compile(
 )
 """A number that may lie between the rate of a converter and that of the rows."""
 
+UNSET_S = 1.0
+"""Period [s] of a waveform of LabVIEW for which none was set."""
+
 
 def _divided_by(notes: Mapping[str, str]) -> tuple[str, int]:
     """Return (the note, the number) of a decimation or of averages that a file states, ("", 1) if
@@ -74,6 +77,11 @@ def count_time(
         draft.columns["t_s"] = np.asarray(found.start_s + step_s * rows, dtype=np.float64)
         each = f"a count of '{heading[:40]}'" if heading else "a row"
         draft.said.append(f"t from {source} ({step_s:.6g} s {each})")
+        if step_s == UNSET_S and not reading.rate_hz and any(c.wave for c in columns):
+            found.said.append(
+                "a waveform's period of 1 s is also what LabVIEW writes where none was set: add "
+                "--rate HZ if the rows are not 1 s apart"
+            )
         if heading:
             lost = int(count[-1]) + 1 - count.size
             found.said.append(f"'{heading[:40]}' leaves out {lost} samples, and so do the times")

@@ -20,7 +20,7 @@ EVEN = 0.5
 """Largest spread of the steps of evenly rising values, in mean steps: clocks are rounded."""
 TURNS_S = (3600.0, 43200.0, 86400.0)
 """Times at which a clock without a date starts again [s]: Excel's minutes, and those of a day."""
-TURNS = (2.0**16, 2.0**32)
+TURNS = (2.0**16, 2.0**24, 2.0**31, 2.0**32)
 """Numbers at which a counter of a microcontroller or a controller starts again."""
 LONGEST_TURN = 3.0
 """Largest step across such a place, in median steps; with more, something new may begin there."""
@@ -28,8 +28,8 @@ LONGEST_TURN = 3.0
 
 def continued(values: Any, clock: bool) -> tuple[Any, list[int]]:
     """Return times (N,) in which a clock or a counter goes on where it started again, and the rows
-    at which it did. What begins at 0 each time may be several recordings, and stays. clock: the
-    values are those of a clock, in seconds."""
+    at which it did. What begins at 0 each time may be several recordings, and stays, unless a
+    counter goes on in its even steps. clock: the values are those of a clock, in seconds."""
     steps = np.diff(values)
     back = np.flatnonzero(steps < 0.0)
     rising = steps[steps > 0.0]
@@ -39,7 +39,10 @@ def continued(values: Any, clock: bool) -> tuple[Any, list[int]]:
     whole = clock or bool(np.all(values == np.round(values)))
     for turn in (*(TURNS_S if clock else ()), *(TURNS if whole and not clock else ())):
         across = steps[back] + turn
-        if np.all((across >= 0.0) & (across <= longest)) and values[0] > longest:
+        even = rises_evenly(np.cumsum(rising)) and not np.any(values[back + 1] == values[0])
+        even &= bool(np.all((across >= np.min(rising)) & (across <= np.max(rising))))
+        near = bool(np.all((across >= 0.0) & (across <= longest)))
+        if (near and values[0] > longest) or (even and not clock):
             ahead = np.zeros(values.size)
             ahead[back + 1] = turn
             return values + np.cumsum(ahead), [int(row) + 1 for row in back]
@@ -83,20 +86,23 @@ def _is_part_of_a_clock(heading: str) -> bool:
     return not name or role_of(name, "") == ("t", BY_WORD)
 
 
-def is_packed_clock(values: Any) -> bool:
+def is_packed_clock(values: Any, in_seconds: bool) -> bool:
     """Return whether numbers (N,) hold hours, minutes and seconds one behind the other, such as
     140759.5: they never show a second or a minute of 60 or more, and jump by 40 into a new
-    minute."""
+    minute. in_seconds: the file says that they are seconds, in which a pause jumps so once."""
     values = np.asarray(values, dtype=np.float64)
     values = values[np.isfinite(values)]
     steps = np.diff(values)
     jumps = np.abs(steps) >= 40.0
-    if not np.any(jumps) or not np.all((values >= 0.0) & (values < 240_000.0)):
+    few = 0 < 2 * np.count_nonzero(jumps) < steps.size
+    if not few or not np.all((values >= 0.0) & (values < 240_000.0)):
         return False
     usual = float(np.median(steps))
     in_turn = np.all((values % 100.0 < 60.0) & (values // 100.0 % 100.0 < 60.0))
     short = np.all(np.minimum(steps[jumps] % 40.0, steps[jumps]) <= LONGEST_TURN * usual)
-    return bool(in_turn and short and np.all(np.diff(values // 100.0)[jumps] > 0.0))
+    minutes = np.count_nonzero(steps[jumps] <= 40.0 + LONGEST_TURN * usual)
+    often = minutes > 1 or not in_seconds
+    return bool(in_turn and short and often and np.all(np.diff(values // 100.0)[jumps] > 0.0))
 
 
 def count_from_first(cell: Any, j: int, first: dict[int, int], may_begin: bool) -> float | None:

@@ -29,6 +29,7 @@ _DAYS = re.compile(r"(\d+) days?,? (.*)", re.I)
 _SLASHED = re.compile(r"(\d{1,2})/(\d{1,2})/(\d{4})\s+(.*)")
 _GERMAN_DATE = re.compile(r"(\d\d)\.(\d\d)\.(\d{4}|\d\d)[ T](.*)")
 _NAMED_MONTH = re.compile(r"(\d{1,2})[- ]([A-Za-z]{3})[- ](\d{4})[ T](.*)")
+_CJK_DATE = re.compile(r"(\d{4})年(\d{1,2})月(\d{1,2})日\s*(.*)")
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 
 
@@ -71,8 +72,9 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
 
 def moment_of(text: str) -> float | None:
     """Return the seconds of "12:00:01.25", "2024-03-05 12:00:01.25", "05.03.2024 12:00:01.25",
-    "3/5/2024 1:00:01.25 PM", "05-Mar-2024 12:00:01.25", "0 days 12:00:01.25", "00:01.25" or "1.25
-    s", with either decimal mark. Of a date with slashes the month comes first, if it may be one."""
+    "3/5/2024 1:00:01.25 PM", "05-Mar-2024 12:00:01.25", "2024年3月5日 12:00:01.25", "0 days
+    12:00:01.25", "00:01.25" or "1.25 s", with either decimal mark. Of a date with slashes the month
+    comes first, if it may be one."""
     if duration := _DURATION.fullmatch(text):
         return float(duration[1].replace(",", ".")) * UNITS[find_unit_key(duration[2])][2]
     if ":" not in text or len(text) > 40:
@@ -97,6 +99,8 @@ def moment_of(text: str) -> float | None:
     elif (named := _NAMED_MONTH.fullmatch(text)) and named[2].lower() in _MONTHS:
         month = 1 + _MONTHS.index(named[2].lower())
         text = f"{named[3]}-{month:02d}-{int(named[1]):02d} {named[4]}"
+    elif cjk := _CJK_DATE.fullmatch(text):
+        text = f"{cjk[1]}-{int(cjk[2]):02d}-{int(cjk[3]):02d} {cjk[4]}"
     try:
         moment = datetime.fromisoformat(text.replace("/", "-"))
     except ValueError:

@@ -61,11 +61,13 @@ class Sheet:
 @dataclass
 class Draft:
     """A recording as far as a file was understood. columns: (N,) each, named as in a recording;
-    said: what each was made of; asked: what the user has to supply."""
+    said: what each was made of; asked: what the user has to supply; offered: how to name a drive or
+    a displacement that is not required, ""."""
 
     columns: dict[str, Floats] = field(default_factory=dict)
     said: list[str] = field(default_factory=list)
     asked: list[str] = field(default_factory=list)
+    offered: str = ""
 
 
 def text_of(given: str | bytes) -> str:

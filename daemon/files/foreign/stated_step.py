@@ -10,12 +10,14 @@ from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
 _UNIT_BEHIND = r"(?:(?:\s*[\[(/]|\s)\s*([^\])]*?)\s*[\])]?)?"
 _STEP = re.compile(
     r"(?:sampl(?:e|ing) ?(?:interval|period|time)|time ?step|x ?inc(?:rement)?|delta [xt]|increment"
-    r"|dt|ts|abtastintervall|abtastzeit)" + _UNIT_BEHIND,
+    r"|dt|ts|abtastintervall|abtastzeit|采样(?:间隔|周期)|サンプリング(?:間隔|周期)"
+    r"|(?:период|интервал) дискретизации)" + _UNIT_BEHIND,
     re.IGNORECASE,
 )
 _RATE = re.compile(
     r"(?:(?:sampl(?:e|ing)|scan|acquisition|data) ?(?:rate|freq(?:uency)?)|samples/s|fs"
-    r"|abtastrate|abtastfrequenz)" + _UNIT_BEHIND,
+    r"|abtastrate|abtastfrequenz|采样(?:频率|率)|サンプリング(?:周波数|レート)"
+    r"|частота дискретизации)" + _UNIT_BEHIND,
     re.IGNORECASE,
 )
 SAME_STEP = 0.01
@@ -26,7 +28,7 @@ be more than 50 kHz, which no recording of a stage needs. A "scan rate" of fewer
 be the lines of a microscope."""
 _REST_OF_A_NUMBER = re.compile(r"\d{3}(?!\d)(?:[.,]\d*)?\s*[^\d\s]*")
 _STATED = re.compile(r"([-+]?\d[\d.,']*(?:e[-+]?\d+)?)\s*(.*)", re.IGNORECASE)
-_RATE_UNIT = re.compile(r"([kMG]?)(?:Hz|Sa?/s|Samples?/s|Hertz|1/s)", re.IGNORECASE)
+_RATE_UNIT = re.compile(r"([kMGк]?)(?:Hz|Гц|Sa?/s|Samples?/s|Hertz|1/s)", re.IGNORECASE)
 
 
 def stated_step(cells: Sequence[str], decimal: str) -> float:
@@ -34,7 +36,7 @@ def stated_step(cells: Sequence[str], decimal: str) -> float:
     ("fs = 1 kHz"), 0 if it states none, in a unit that is not known or may not be that of time
     ("Increment,0.5", which may be volts), as a slow "scan rate", or in a number that the separator
     may have cut ("1,000 Hz")."""
-    line = " ".join(cells)
+    line = " ".join(cells).replace("：", ":")
     name, mark, value = line.partition("=" if "=" in line else ":")
     return _step_of(cells, decimal) or (_step_of([name, value.strip()], decimal) if mark else 0.0)
 
@@ -85,4 +87,4 @@ def _factor(unit: str, is_time: bool) -> float:
     found = _RATE_UNIT.fullmatch(unit)
     if found is None or unit.startswith("mH"):  # millihertz
         return 0.0
-    return {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9}[found[1].lower()]
+    return {"": 1.0, "k": 1e3, "к": 1e3, "m": 1e6, "g": 1e9}[found[1].lower()]

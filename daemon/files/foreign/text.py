@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.files.csv_table import (
+    END_OF_FILE,
     LARGEST,
     LONGEST_LINE,
     MOST_PACKED,
@@ -124,7 +125,7 @@ def understand_text(
 ) -> Sheet:
     """Return the columns of a text in memory. above: lines of the file above it; separator,
     decimal: as the file states them."""
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    lines = text.removesuffix(END_OF_FILE).replace("\r\n", "\n").replace("\r", "\n").split("\n")
     _join_quoted(lines)
     name_pairs(lines)
     cut = above + len(lines) if lines[-1].strip() else 0  # without an end, so possibly not whole
@@ -332,7 +333,8 @@ def _refuse_two_commas(
     headings."""
     if separator == "," and layout.first and not any(layout.headings):
         above = len(rows[layout.first - 1])
-        if above > 1 and layout.width == 2 * above:
+        points = any("." in cell for row in rows[layout.first :] for cell in row)
+        if above > 1 and layout.width == 2 * above and not points:
             raise BadRecording(
                 f"{name}: {above} headings over {layout.width} fields: commas are decimal marks "
                 "and separators at once; write it with semicolons, or with decimal points"

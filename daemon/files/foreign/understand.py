@@ -12,7 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dehyst.daemon.files.foreign.blank import refuse_blank
-from dehyst.daemon.files.foreign.choose import choose_columns, describe_column, path_of
+from dehyst.daemon.files.foreign.choose import (
+    choose_columns,
+    describe_column,
+    groups_of,
+    path_of,
+)
 from dehyst.daemon.files.foreign.counted import count_time
 from dehyst.daemon.files.foreign.epochs import continued, is_packed_clock, join_clocks
 from dehyst.daemon.files.foreign.found import Column, Draft, Sheet
@@ -22,6 +27,7 @@ from dehyst.daemon.files.foreign.roles import (
     PLAIN,
     counts_rows,
     role_of,
+    role_of_column,
     unit_of_column,
 )
 from dehyst.daemon.files.foreign.rows_apart import on_common_rows, with_own_times
@@ -79,11 +85,11 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
     if not (reading.rate_hz or "t" in reading.columns):
         columns = join_clocks(columns)
     draft = Draft()
-    chosen = choose_columns(name, columns, reading, wants, draft.asked)
+    chosen = choose_columns(name, columns, reading, wants, draft)
     if own_times := with_own_times(name, columns, chosen, reading):
         named = {role: wanted for role, wanted in reading.columns.items() if role != "t"}
         columns, reading, draft = own_times, replace(reading, columns=named), Draft()
-        chosen = choose_columns(name, columns, reading, wants, draft.asked)
+        chosen = choose_columns(name, columns, reading, wants, draft)
     refuse_blank(name, found, columns, chosen, reading)
     columns, chosen = on_common_rows(name, columns, chosen, found, reading)
     if reading.rate_hz or "t" not in chosen:
@@ -101,19 +107,38 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
         _ask_of_factor(found.factor, chosen, reading, draft.asked)
     if draft.asked:
         raise BadRecording(f"{name}: {'; '.join(draft.asked)}")
+    others = _other_runs(columns, [*chosen.values()])
     for i, column in enumerate(columns):
-        if i not in chosen.values():
+        if i not in chosen.values() and groups_of(column.heading) not in others:
             _keep(column, draft.columns)
+    if others:
+        found.said.append(
+            f"of other runs and left out: {', '.join('/'.join(run)[:40] for run in others[:5])}"
+            + ", ..." * (len(others) > 5)
+        )
     own = not reading and all(_has_own_name(columns[i]) for i in chosen.values()) and "t" in chosen
+    offered = [draft.offered] if draft.offered and not own else []
     time = columns[chosen["t"]] if "t" in chosen and not reading.rate_hz else None
     return Understood(
         draft.columns,
-        "; ".join([*([] if own else [", ".join(draft.said)]), *found.said]),
+        "; ".join([*([] if own else [", ".join(draft.said)]), *offered, *found.said]),
         time is None
         or bool(reading.time_unit)
         or time.clock
         or unit_of_column(time) not in ("", "s"),
     )
+
+
+def _other_runs(columns: Sequence[Column], taken: Sequence[int]) -> list[list[str]]:
+    """Return the groups that hold times, a drive and a displacement of their own, and no column
+    that is taken: nothing in them belongs to the rows of the recording."""
+    groups = [groups_of(column.heading) for column in columns]
+    of_recording = [groups[i] for i in taken]
+    roles: dict[tuple[str, ...], set[str]] = {}
+    for group, column in zip(groups, columns, strict=True):
+        roles.setdefault(tuple(group), set()).add(role_of_column(column))
+    runs = [list(run) for run, has in roles.items() if {"t", "u", "y"} <= has]
+    return [run for run in runs if run and run not in of_recording]
 
 
 def _has_own_name(column: Column) -> bool:
@@ -184,6 +209,14 @@ def _take_time(
             "whichever is right"
         )
         return
+    given = column.clock or reading.time_unit
+    if unit in ("", "s") and not given and is_packed_clock(values, in_seconds=unit == "s"):
+        draft.asked.append(
+            f"{describe_column(column)} jumps as hours, minutes and seconds in one number do "
+            "(HHMMSS): add --time-unit s if these are seconds with pauses; otherwise write them as "
+            "HH:MM:SS, or add --rate HZ where no row is missing"
+        )
+        return
     if not unit:
         known = np.diff(values[np.isfinite(values)])
         step = float(np.median(known[known > 0.0])) if np.any(known > 0.0) else 0.0
@@ -203,12 +236,6 @@ def _take_time(
             )
             return
         unit, label = "s", f"{label}, taken as seconds"
-    if unit == "s" and not (column.clock or reading.time_unit) and is_packed_clock(values):
-        draft.asked.append(
-            f"{describe_column(column)} counts hours, minutes and seconds in one number (HHMMSS): "
-            "write them as HH:MM:SS, or add --rate HZ"
-        )
-        return
     values, again = continued(values, column.clock)
     if again:
         found.said.append(

@@ -114,6 +114,7 @@ _OTHER_SCRIPTS = {
     "с": "s", "мс": "ms", "мкс": "us", "нс": "ns", "В": "V", "мВ": "mV", "кВ": "kV", "м": "m",
     "мм": "mm", "мкм": "um", "нм": "nm", "秒": "s", "毫秒": "ms", "微秒": "us", "伏": "V",
     "毫伏": "mV", "千伏": "kV", "毫米": "mm", "微米": "um", "纳米": "nm",
+    "ミリ秒": "ms", "マイクロ秒": "us", "ナノ秒": "ns", "sn": "s",
 }  # fmt: skip
 _BRACKETS = re.compile(r"[\[({<]([^\[\](){}<>]*)(?:[\])}>]|$)")
 _FACTOR = re.compile(r"[x×*·/÷^:]\s*\d|\d\s*[x×*·/÷^]|\de[+-]?\d|[.,]\d|^div.*\d", re.IGNORECASE)
@@ -142,9 +143,10 @@ LETTERS = {
     "m": re.compile(r"(?!)"),
     "с": re.compile(r"t|время"),
     "в": re.compile(r"u|напряжение"),
+    "sn": re.compile(r"t|zaman|süre"),
 }
-"""Units that are also labels, as in "Channel A" and "Sensor_C", and the word after which they are
-units without brackets."""
+"""Units that are also labels, as in "Channel A" and "Sensor_C", or alone ("sn", a serial number),
+and the word after which they are units without brackets."""
 _REPEATED = re.compile(r"\.\d{1,3}$")
 _PREFIX = "(?:da|[YZEPTGMkhdcmuµμnpf])"
 _LIKE_A_UNIT = re.compile(
@@ -181,7 +183,8 @@ def read_heading(text: str) -> Heading:
     plain = _CAMEL_UNIT.sub(lambda found: f" {found[1].lower()}", plain)
     plain = plain.rstrip("_.") or plain  # MATLAB and R write "U_mV_" and "U..mV." for "U (mV)"
     if unit := find_unit_key(plain):
-        return Heading("", unit) if len(plain) > 1 or unit in ("v", "s") else Heading(text)
+        is_unit = plain not in LETTERS if len(plain) > 1 else unit in ("v", "s")
+        return Heading("", unit) if is_unit else Heading(text)
     if factor := _factor_beside(plain):
         return factor
     if _BRACKETS.search(plain):

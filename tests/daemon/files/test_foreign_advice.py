@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.rigs.foreign_files import asked, read
 
-from dehyst.daemon.files.foreign.reading import parse_columns
+from dehyst.daemon.files.foreign.reading import ReadOptions, parse_columns
 from dehyst.daemon.files.loading import load_columns
 from dehyst.daemon.files.recordings import read_columns
 from dehyst.models.errors import BadRecording
@@ -223,3 +223,26 @@ def test_an_alarm_beside_each_channel_of_a_data_logger(tmp_path: Path) -> None:
     found = read(path, columns={"u": "101 (VDC)", "y": "102 (VDC)"})
     assert (found.drive_unit, found.displacement_unit) == ("v", "v")
     is_it(found)
+
+
+def said_of(path: Path, columns: str = "") -> str:
+    """Return how a file was read where drive and displacement are not required."""
+    return load_columns(path, ReadOptions(parse_columns(columns)), wants=("t",)).said
+
+
+def test_names_are_offered_where_drive_and_displacement_are_not_required(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", ["Time (s),Ampl,Ampl2"], T, U, Y)
+    assert advised(said_of(path).replace(" if that is right", "")) == {"u": "Ampl", "y": "Ampl2"}
+    assert "add" not in said_of(path, "t=0,v1=Ampl,v2=Ampl2")
+    path = write(tmp_path / "b.csv", ["Time (s),Voltage (V),Temperature (C)"], T, U, Y)
+    assert "add" not in said_of(path)
+
+
+def test_a_matrix_is_asked_for_as_a_whole(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, data=np.column_stack([T, U, Y]))
+    with pytest.raises(BadRecording) as refused:
+        read_columns(path)
+    expected = {"t": "data.0", "u": "data.1", "y": "data.2"}
+    assert advised(str(refused.value)) == advised(asked(path)) == expected
+    is_it(read(path, columns=expected, unit="um"))

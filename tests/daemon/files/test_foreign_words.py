@@ -133,6 +133,7 @@ def second(t: float) -> str:
 
 DATES: dict[str, Callable[[float], str]] = {
     "05-Mar-2024": lambda t: f"05-Mar-2024 14:05:{second(t)}",
+    "2024年3月5日": lambda t: f"2024年3月5日 14:05:{second(t)}",
     "5 mar 2024": lambda t: f"5 mar 2024 14:05:{second(t)}",
     "05.03.24": lambda t: f"05.03.24 14:05:{second(t)}",
     "03/05/2024": lambda t: f"03/05/2024 14:05:{second(t)}",

@@ -50,6 +50,18 @@ def test_the_length_of_time_and_drive_is_kept(names: tuple[str, ...], tmp_path: 
         read_recording(path, need_displacement=True, reading=reading)
 
 
+def test_a_displacement_of_another_length_is_named_with_both_lengths(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, t=T, V=U, x=Y[:-1])
+    n = T.size
+    words = f"left out: x \\({n - 1} rows, 't' has {n}\\): if one is the drive or the displacement"
+    with pytest.raises(BadRecording, match=words):
+        read_recording(path, need_displacement=True)
+    named = ReadOptions({"y": "x"}, unit="um")
+    with pytest.raises(BadRecording, match=f"'x' of {n - 1} rows and 'V' of {n} rows"):
+        read_recording(path, need_displacement=True, reading=named)
+
+
 def test_without_a_role_the_longest_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     np.savez(path, a=U, b=Y, **SHORT)

@@ -39,6 +39,37 @@ def write(path: Path, rows: Sequence[str], end: str = "\n") -> Path:
     return path
 
 
+OWN = ("t_s", "u_v", "y_um")
+
+
+@pytest.mark.parametrize("head", [HEAD, OWN])
+@pytest.mark.parametrize("end", ["\n\x1a", "\r\n\x1a", "\x1a"])
+def test_the_end_of_a_file_of_dos_is_no_line(tmp_path: Path, head: Sequence[str], end: str) -> None:
+    found = read(write(tmp_path / "a.csv", lines(T, U, Y, head=head), end))
+    is_it(found)
+    assert "cut" not in found.read
+
+
+@pytest.mark.parametrize("zeros", [1, 300, 200_000])
+def test_zero_bytes_behind_the_rows_are_left_out_by_the_option_that_is_named(
+    tmp_path: Path, zeros: int
+) -> None:
+    path = write(tmp_path / "a.csv", lines(T, U, Y, head=OWN), "\n" + zeros * "\0")
+    said = asked(path)
+    assert f"zero bytes from line {N + 2} to the end" in said
+    assert "dehyst convert --unfinished a.csv whole.csv keeps the lines before" in said
+    columns, _ = read_columns(path, unfinished=True)
+    np.testing.assert_array_equal(columns["y_um"], Y)
+
+
+def test_decimal_points_are_no_commas_twice(tmp_path: Path) -> None:
+    head = ["Mode,Detail,", "Waveform Data,"]
+    rows = [f"{t:.6E},{u:.6E},{t:.6E},{y:.6E}," for t, u, y in zip(T, U, Y, strict=True)]
+    said = asked(write(tmp_path / "a.csv", [*head, *rows]))
+    assert said.endswith("say which is which: --columns t=0,u=1,y=3")
+    is_it(read(tmp_path / "a.csv", "t=0,u=1,y=3", unit="um"))
+
+
 @pytest.mark.parametrize("lost", [3, 5, 7])
 def test_a_last_line_that_was_cut_inside_its_last_number_is_left_out(
     tmp_path: Path, lost: int
@@ -114,6 +145,23 @@ def test_a_rate_beside_a_decimation_is_asked_for(tmp_path: Path, note: str) -> N
     is_it(read(write(tmp_path / "a.csv", rows)), t=T / 10)
 
 
+RATES = [
+    "采样频率: 200Hz", "采样率：0.2 kHz", "サンプリング周波数,200,Hz", "サンプリング間隔: 5 ms",
+    "Частота дискретизации: 200 Гц", "частота дискретизации = 0.2 кГц", "采样间隔: 5 毫秒",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("line", RATES)
+def test_a_rate_is_stated_in_any_script(tmp_path: Path, line: str) -> None:
+    is_it(read(write(tmp_path / "a.csv", [line, *lines(U, Y, head=HEAD[1:])])))
+
+
+def test_seconds_in_turkish_are_no_serial_number(tmp_path: Path) -> None:
+    is_it(read(write(tmp_path / "a.csv", lines(T, U, Y, head=["Zaman (sn)", *HEAD[1:]]))))
+    path = write(tmp_path / "b.csv", lines(np.arange(N) + 10, U, Y, head=["sn", *HEAD[1:]]))
+    assert "no column of times" in asked(path)
+
+
 def test_a_decimation_next_to_arrays_is_asked_for(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", fs=2000, decimation=10, drive_v=U, position_um=Y)
     assert "add --rate 2000 or --rate 200" in asked(tmp_path / "a.npz")
@@ -133,7 +181,9 @@ def test_a_unit_of_any_script_or_behind_any_mark_is_read(tmp_path: Path, heading
     is_it(read(path))
 
 
-@pytest.mark.parametrize("heading", ["t, мс", "TimeMs", "timestampInMs", "Время (мс)", "Time|ms"])
+@pytest.mark.parametrize(
+    "heading", ["t, мс", "TimeMs", "timestampInMs", "Время (мс)", "Time|ms", "時刻[ミリ秒]"]
+)
 def test_milliseconds_of_any_script_or_behind_any_mark(tmp_path: Path, heading: str) -> None:
     is_it(
         read(write(tmp_path / "a.txt", lines(1e3 * T, U, Y, head=[heading, *HEAD[1:]], mark=";")))

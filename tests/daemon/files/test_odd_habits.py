@@ -150,6 +150,8 @@ def clock(first: float, form: str) -> list[str]:
 AGAIN = {
     "a counter of 32 bits": (lines(counter(2**32 - 703, 2**32), U, Y), "t (ms)"),
     "a counter of 16 bits": (lines(counter(2**16 - 703, 2**16), U, Y), "t (ms)"),
+    "a counter of 24 bits": (lines(counter(2**24 - 703, 2**24), U, Y), "t (ms)"),
+    "a counter of 31 bits": (lines(counter(2**31 - 703, 2**31), U, Y), "t (ms)"),
     "midnight": (lines(clock(86399.5, "day"), U, Y), "time"),
     "minutes": (lines(clock(3599.5, "minutes"), U, Y), "time"),
 }
@@ -162,6 +164,16 @@ def test_a_clock_that_starts_again_is_continued(tmp_path: Path, kind: str) -> No
     found = read(write(tmp_path / "a.csv", rows))
     is_it(found)
     assert "starts again at line" in found.read
+
+
+def test_a_counter_from_0_is_continued_where_its_even_step_shows_it(tmp_path: Path) -> None:
+    count = 250 * np.arange(N)
+    head = ["t (ms)", *HEAD[1:]]
+    found = read(write(tmp_path / "a.csv", lines(count % 2**16, U, Y, head=head)))
+    np.testing.assert_allclose(found.t_s, count / 1000)
+    late = np.where(count < 2**16, count, count % 2**16 + 100)  # another step across
+    path = write(tmp_path / "b.csv", lines(late, U, Y, head=head))
+    assert [part.size for part in read_recordings(path)] == [263, 37]
 
 
 def test_recordings_that_each_begin_at_0_are_cut_and_others_too(tmp_path: Path) -> None:

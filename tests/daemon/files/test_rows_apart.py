@@ -165,3 +165,33 @@ def test_uneven_times_of_their_own_are_refused(tmp_path: Path) -> None:
 def test_another_channel_goes_with_its_own_time(tmp_path: Path) -> None:
     found = read(start_time(tmp_path / "a"))
     np.testing.assert_allclose(found.channels["room_c"], U[:-LATE])
+
+
+@pytest.mark.parametrize("step", [STEP, 1.0])
+def test_a_period_that_labview_writes_where_none_is_set_is_doubted(
+    tmp_path: Path, step: float
+) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    with nptdms.TdmsWriter(tmp_path / "a.tdms") as file:
+        of = (("Drive", U, "V"), ("Gauge", Y, "um"))
+        file.write_segment(
+            [
+                nptdms.ChannelObject("g", name, values, {"unit_string": unit, "wf_increment": step})
+                for name, values, unit in of
+            ]
+        )
+    doubt = "a waveform's period of 1 s is also what LabVIEW writes where none was set: add --rate"
+    assert (doubt in read(tmp_path / "a.tdms").read) == (step == 1.0)
+    assert doubt not in read(tmp_path / "a.tdms", rate_hz=200.0).read
+
+
+def test_the_other_runs_of_a_file_are_left_out(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for run in ("run1", "run2"):
+            for name, values in (("t_s", T), ("u_v", U), ("y_um", Y)):
+                file[f"{run}/{name}"] = values
+        file["room/temp_c"] = U
+    found = read(tmp_path / "a.h5", "t=run1/t_s,u=run1/u_v,y=run1/y_um")
+    assert list(found.channels) == ["temp_c"]
+    assert "of other runs and left out: run2" in found.read

@@ -106,6 +106,32 @@ def test_a_pause_of_forty_seconds_is_a_pause(tmp_path: Path) -> None:
     assert found.t_s[-1] == pytest.approx(T[-1] + 40.0)
 
 
+@pytest.mark.parametrize("heading", ["Time (s)", "t_s", "Zeit [s]", "t (s)", "seconds"])
+@pytest.mark.parametrize("pause", [40.0, 100.0, 200.0, 1000.0])
+def test_a_heading_that_says_seconds_is_believed(
+    tmp_path: Path, heading: str, pause: float
+) -> None:
+    paused = 59.25 + T + (pause - 0.005 if pause > 40.0 else pause) * (np.arange(N) >= 150)
+    found = read(table(tmp_path / "a.csv", f"{heading},U (V),Y (um)", paused, U, Y))
+    assert np.ptp(found.t_s) == pytest.approx(np.ptp(paused))
+
+
+@pytest.mark.parametrize("step", [0.005, 0.05])
+def test_pauses_without_a_unit_are_asked_for_and_then_kept(tmp_path: Path, step: float) -> None:
+    paused = 20.0 + step * np.arange(N) + 200.0 * (np.arange(N) >= 150)
+    path = table(tmp_path / "a.csv", "Time,U (V),Y (um)", paused, U, Y)
+    assert "HHMMSS): add --time-unit s if these are seconds with pauses" in asked(path)
+    found = read(path, time_unit="s")
+    assert np.ptp(found.t_s) == pytest.approx(np.ptp(paused))
+
+
+def test_a_jump_at_each_minute_is_no_pause_whatever_the_heading_says(tmp_path: Path) -> None:
+    s = 59.0 + np.arange(N) / 2.0
+    packed = 140_700 + 100 * (s // 60) + s % 60
+    path = table(tmp_path / "a.csv", "Time (s),U (V),Y (um)", packed, U, Y)
+    assert "HHMMSS" in asked(path)
+
+
 def in_json(path: Path, **more: Any) -> None:
     path.write_text(json.dumps({"voltage_v": U.tolist(), "displacement_um": Y.tolist(), **more}))
 

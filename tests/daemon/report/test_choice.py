@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from tests.rigs.outside import lagged
+from tests.rigs.outside import lagged, plays
 
 from dehyst.daemon.report.choice import explain_choice
 from dehyst.daemon.report.identification import report_identification
+from dehyst.daemon.report.verdict import verdict
 from dehyst.models.drive_design.coverage import measure_coverage
 from dehyst.models.identify import Identification, identify
 from dehyst.models.recording import Recording
@@ -61,3 +62,14 @@ def test_the_choice_is_one_of_those_that_were_tried(
     kinds = {(c.shape, c.offset, c.lag) for c in found.tried}
     assert (found.chosen.shape, found.chosen.offset, found.chosen.lag) in kinds
     assert np.isfinite(found.chosen.held_rms)
+
+
+def test_an_error_without_the_drift_is_called_so() -> None:
+    """The error of the fit includes the drift, and the figure beside the noise does not."""
+    t = 0.02 * np.arange(2000)
+    u = 50.0 - 50.0 * np.cos(2 * np.pi * t) * np.abs(np.sin(0.4 * np.pi * t))
+    y = plays(u, np.array([0.0, 5.0, 15.0]), np.array([0.06, 0.03, 0.02])) + 0.01 * t
+    noise = 0.01 * np.random.default_rng(2).standard_normal(t.size)
+    found = identify([Recording(t, u, y + noise, name="a.csv")])
+    assert found.model.fit.steady_rms is not None
+    assert " rms apart from the drift, " in verdict(found)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.rigs.diagnosis import diagnose_without_limits
 from tests.rigs.hardware_stages import RigCase, make_rig
+from tests.rigs.outside import plays
 from tests.rigs.plants.hysteresis import bouc_wen
 
 from dehyst.models.cascade.history import replay_recording
@@ -95,6 +96,20 @@ def test_a_change_is_not_told_where_its_gain_and_its_level_cannot_be_told_apart(
     assert " s of 0 its gain changes by +" in change.says
     assert " s of 1 its gain changes by -" in change.says
     assert " s of 2" not in change.says
+
+
+def test_a_gauge_whose_zero_jumps_is_no_change_of_the_loop() -> None:
+    """The model in use is identified from the recording with the jump in it."""
+    t = DT * np.arange(2000)
+    u = 50.0 - 50.0 * np.cos(2 * np.pi * 1.5 * t) * (1.0 - 0.5 * t / t[-1])
+    y = plays(u, np.array([0.0, 6.0, 15.0, 30.0]), np.array([0.05, 0.02, 0.02, 0.01]))
+    y += 3.0 * (t > 0.6 * t[-1])
+    noise = 0.004 * np.random.default_rng(1).standard_normal(t.size)
+    found = diagnose_without_limits([Recording(t, u, y + noise, name="a.csv")])
+    (finding,) = found.findings
+    assert finding.name == "unknown"
+    assert finding.share > 0.95
+    assert finding.where["from_s"] == pytest.approx(0.6 * t[-1], abs=0.05)
 
 
 def test_a_ramp_is_no_sudden_change() -> None:

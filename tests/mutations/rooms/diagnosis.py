@@ -1101,6 +1101,14 @@ CHANGES = [
             "a reading that settles by itself follows a periodic drive",
         ),
         Change(
+            "a-jump-is-a-shape",
+            "models/diagnosis/search_problem.py",
+            "if episode.of_stage and not diagnosed.given:",
+            "if False:",
+            "a gauge whose zero jumps is reported as a loop of other parameters",
+            ("tests/models/diagnosis/test_stage_changes.py",),
+        ),
+        Change(
             "a-ramp-needs-another-cable",
             "models/diagnosis/data/survey.py",
             "turns == 0 or BUTTERFLY_WARNING in more",

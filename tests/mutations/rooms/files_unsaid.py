@@ -85,4 +85,80 @@ CHANGES = room(
         "if parts[0][0].clock and np.any(", "if False and np.any(",
         "a time since the start is added to the time of day",
     ),
+    Change(
+        "seconds-with-a-pause-not-believed", f"{FOREIGN}/epochs.py",
+        "often = minutes > 1 or not in_seconds", "often = True",
+        "a pause of 200 s is refused as hours, minutes and seconds",
+        ("tests/daemon/files/test_stated_scales.py",),
+    ),
+    Change(
+        "lengths-unsaid", f"{FOREIGN}/containers/arrays.py",
+        "needed += _first_of_each(found,", "needed = needed or _first_of_each(found,",
+        "a displacement of another length is named, and then the drive is asked for in a circle",
+        ("tests/daemon/files/test_left_out_parts.py",),
+    ),
+    Change(
+        "half-of-a-matrix-advised", f"{FOREIGN}/choose.py",
+        '{"t": advised["t"]} | offered', '{"t": advised["t"]}',
+        "of a matrix the time alone is asked for, and drive and displacement are not found",
+        ("tests/daemon/files/test_foreign_advice.py",),
+    ),
+    Change(
+        "names-not-offered", f"{FOREIGN}/choose.py",
+        "    elif offered:\n", "    elif False:\n",
+        "convert does not say how to name drive and displacement",
+        ("tests/daemon/files/test_foreign_advice.py",),
+    ),
+    Change(
+        "points-are-commas", TEXT, "layout.width == 2 * above and not points:",
+        "layout.width == 2 * above:",
+        "an oscilloscope's file is to be written with decimal points, which it has",
+    ),
+    Change(
+        "end-of-dos-is-a-line", TEXT, "text.removesuffix(END_OF_FILE)", "text",
+        "the last row of a whole file is left out as cut short",
+    ),
+    Change(
+        "end-of-dos-is-an-own-line", "daemon/files/csv_table.py",
+        "block.removesuffix(END_OF_FILE.encode())", "block",
+        "a whole recording is refused as cut short",
+    ),
+    Change(
+        "zero-bytes-without-a-way-out", "daemon/files/csv_table.py",
+        'if raw.rstrip(b"\\0") == before:', "if False:",
+        "a recording whose writer was stopped is refused as no text",
+    ),
+    Change(
+        "rate-of-another-script", f"{FOREIGN}/stated_step.py",
+        "|采样(?:频率|率)|サンプリング(?:周波数|レート)", "",
+        "a rate that a file states in Chinese is asked for",
+    ),
+    Change(
+        "serial-numbers-are-seconds", UNITS,
+        "is_unit = plain not in LETTERS if len(plain) > 1 else", "is_unit = len(plain) > 1 or",
+        "serial numbers become times in seconds",
+    ),
+    Change(
+        "date-of-another-script", f"{FOREIGN}/fields.py",
+        "elif cjk := _CJK_DATE.fullmatch(text):", "elif cjk := None:",
+        "dates in Chinese are no times",
+        ("tests/daemon/files/test_foreign_words.py",),
+    ),
+    Change(
+        "period-never-set", f"{FOREIGN}/counted.py", "if step_s == UNSET_S and", "if False and",
+        "rows of 5 ms are read as 1 s apart, without a word",
+        ("tests/daemon/files/test_rows_apart.py",),
+    ),
+    Change(
+        "other-runs-are-channels", f"{FOREIGN}/understand.py",
+        "others = _other_runs(columns, [*chosen.values()])", "others: list[list[str]] = []",
+        "time, drive and displacement of another run are written beside those of this",
+        ("tests/daemon/files/test_rows_apart.py",),
+    ),
+    Change(
+        "counter-from-0-cut", f"{FOREIGN}/epochs.py",
+        "or (even and not clock):", "or False:",
+        "a counter of 16 bits that begins at 0 is cut in two where it starts again",
+        ("tests/daemon/files/test_odd_habits.py",),
+    ),
 )  # fmt: skip

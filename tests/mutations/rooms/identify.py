@@ -773,7 +773,7 @@ CHANGES += room(
     Change(
         "hum-is-noise",
         UNCERTAINTY,
-        "        second = least if _typical(least) < PLAINLY * _typical(second) else second\n",
+        "        second = calmest if _typical(calmest) < PLAINLY * _typical(second) else second\n",
         "",
         "a model that leaves nothing but 50 Hz is reported to be at the noise",
         ("tests/models/identify/test_rounded_reading.py",),

@@ -145,8 +145,9 @@ def of_one_length(
     name: str, found: Sheet, wanted: Iterable[str] = (), needs: Iterable[str] = ()
 ) -> Sheet:
     """Keep only columns of one length: of the wanted columns or else of all, that of the time and
-    the drive, or of most roles, or the longest. needs: roles that are required. Raises BadRecording
-    if several lengths hold a drive and a displacement, and none is wanted, or none holds both."""
+    the drive, or of most roles, or the longest. needs: further roles that are required. Raises
+    BadRecording if several lengths hold a drive and a displacement, and none is wanted, or none
+    holds both."""
     sizes = {column.values.size for column in found.columns}
     if len(sizes) < 2:
         return found
@@ -166,7 +167,9 @@ def of_one_length(
             f"{name}: it holds several runs, of {them}: name the columns of one, such as --columns "
             + option
         )
-    needed = _named_in(found, named) or _first_of_each(found, needs)
+    needed = _named_in(found, named)
+    there = set[str]().union(*(roles[size] for size in of_wanted))
+    needed += _first_of_each(found, [role for role in needs if role not in there])
     if len({c.values.size for c in needed}) > 1 and (named or not runs):
         them = " and ".join(f"'{c.heading[:40]}' of {c.values.size} rows" for c in needed[:3])
         raise BadRecording(
@@ -179,12 +182,16 @@ def of_one_length(
         return {"t", "u"} <= roles[n], len(roles[n]), counts[n] > 1, n
 
     size = max(of_wanted or sizes, key=holds)
-    left = [c.heading for c in found.columns if c.values.size != size]
+    left = [c for c in found.columns if c.values.size != size]
     found.columns = [c for c in found.columns if c.values.size == size]
+    rows = sorted({c.values.size for c in left})
     found.said.append(
         "of another length and left out: "
-        + ", ".join(heading[:40] for heading in left[:5])
+        + ", ".join(c.heading[:40] for c in left[:5])
         + ", ..." * (len(left) > 5)
+        + f" ({rows[0]}{f' to {rows[-1]}' if rows[1:] else ''} rows, "
+        f"'{found.columns[0].heading[:40]}' has {size}): if one is the drive or the "
+        "displacement, bring it to the same rows in the program that wrote the file"
     )
     return found
 
