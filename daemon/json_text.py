@@ -7,11 +7,17 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from dehyst.daemon.printable import in_utf8
+
 
 def json_text(value: Any, indent: int = -1) -> str:
     """Return the JSON text of a message, or of nested maps, lists, texts and numbers: on one line
     unless `indent` is given."""
-    text = msgspec.json.format(msgspec.json.encode(value, enc_hook=_number), indent=indent).decode()
+    try:
+        encoded = msgspec.json.encode(value, enc_hook=_number)
+    except UnicodeEncodeError:  # the name of a file that is not UTF-8
+        encoded = msgspec.json.encode(_in_utf8(msgspec.to_builtins(value, enc_hook=_number)))
+    text = msgspec.json.format(encoded, indent=indent).decode()
     # JSON escapes characters below the space; terminals also interpret others
     return re.sub("[^ -~\n]", _escape, text)
 
@@ -24,6 +30,15 @@ def print_json(value: Any) -> None:
 def print_json_line(value: Any, indent: int = -1) -> None:
     """Print one JSON value on stdout, on one line unless `indent` is given."""
     sys.stdout.write(json_text(value, indent) + "\n")
+
+
+def _in_utf8(value: Any) -> Any:
+    """Return nested maps, lists and texts with all texts in UTF-8."""
+    if isinstance(value, dict):
+        return {_in_utf8(key): _in_utf8(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_in_utf8(one) for one in value]
+    return in_utf8(value) if isinstance(value, str) else value
 
 
 def _number(value: Any) -> Any:

@@ -4,6 +4,7 @@ import argparse
 import importlib
 import io
 import os
+import re
 import signal
 import sys
 import warnings
@@ -117,6 +118,11 @@ class Parser(argparse.ArgumentParser):
 
     commands: dict[str, "Parser"]
 
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        # argparse (until Python 3.14) takes a negative number with an exponent for an option
+        self._negative_number_matcher = re.compile(r"-\.?\d")
+
     def error(self, message: str) -> NoReturn:
         """Print what is wrong and how to get help; exit with 2."""
         self.exit(2, f"{self.prog}: {message}; see `{self.prog} --help`\n")
@@ -213,9 +219,19 @@ def _one_line(error: Exception | str) -> str:
     return text if len(text) <= LONGEST_LINE else f"{text[:300]} ... {text[-300:]}"
 
 
-def main(argv: list[str] | None = None) -> int:
+def open_closed_streams() -> bool:
+    """Open a standard stream that the caller has closed (`>&-`) as the null device, so that no file
+    takes its number; return whether stdout was closed."""
+    no_stdout = sys.stdout is None
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
+    return no_stdout
+
+
+def main(argv: list[str] | None = None, no_stdout: bool = False) -> int:
     """Run one command. Return 0 on success, 1 for a finding or if it is not possible now, 2 for
-    bad usage or input, which is reported in one line on stderr."""
+    bad usage or input, which is reported in one line on stderr. no_stdout: stdout is closed."""
     arguments = sys.argv[1:] if argv is None else argv
     command = next((a for a in arguments if a in COMMANDS), None)
     said_by = f"dehyst {command}" if command else "dehyst"
@@ -233,6 +249,8 @@ def main(argv: list[str] | None = None) -> int:
             kernel_cache.drop_stale()
             args = build_parser(command).parse_args(_in_hertz(command, arguments))
             reporting = _reporting_compilation(command, said_by)
+        if no_stdout and getattr(args, "json", False):
+            raise BadInput("--json: stdout is closed; leave it open, or leave out --json")
         with reporting:
             return int(args.run(args) or 0)
     except DehystError as error:
@@ -260,12 +278,13 @@ def run_process() -> NoReturn:
     screen's encoding does not have is shown escaped."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
+    no_stdout = open_closed_streams()
     for stream in (sys.stdin, sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # None: closed
+        if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # of an encoding such as ASCII
     end = LightEnd()
     try:
-        end.code = main()
+        end.code = main(no_stdout=no_stdout)
     except SystemExit as ended:
         if isinstance(ended.code, int):
             end.code = ended.code

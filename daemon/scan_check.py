@@ -9,6 +9,7 @@ import numpy as np
 from dehyst.daemon.config import Config, load_controller
 from dehyst.daemon.config.drives import drive_range
 from dehyst.daemon.files.models import load_model
+from dehyst.daemon.printable import how_many
 from dehyst.models.cascade.reach import displacement_range, set_point_origin
 from dehyst.models.errors import BadInput
 from dehyst.models.inverse import sample
@@ -89,14 +90,15 @@ def require_reach(
             (sample.SLEW, "faster than the slew limit"),
         ):
             if count := int(np.count_nonzero(flags & bits)):
+                where = f"sample of {target.size} is", f"samples of {target.size} are"
                 raise BadInput(
-                    f"axis {name}: {count} of {target.size} samples are {what}, the first at "
+                    f"axis {name}: {how_many(count, *where)} {what}, the first at "
                     f"{np.flatnonzero(flags & bits)[0] * period_s:.4g} s; make it smaller or slower"
                 )
         if count := int(np.count_nonzero(flags & sample.OUTSIDE)):
             said.append(
-                f"axis {name}: {count} samples are outside the range or rate that its model was "
-                "identified in"
+                f"axis {name}: {how_many(count, 'sample is', 'samples are')} outside the range "
+                "or rate that its model was identified in"
             )
     return said
 

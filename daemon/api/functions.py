@@ -30,7 +30,7 @@ from dehyst.models.model import Model
 from dehyst.models.recording import AXIS_CHANNEL, Recording
 
 UNITS = ("v", "um")
-FREE_SLEW, WINDOW_S = 1e12, 0.1
+FREE_SLEW, WINDOW_S, LONGEST_PREVIEW_S = 1e12, 0.1, 60.0
 THREADS = 2  # candidates tried at once in a diagnosis: each needs a design of all samples
 Say = Callable[[str], None]
 
@@ -135,16 +135,24 @@ def invert(
     if mode != "auto" and preview is None:
         raise BadInput(f"mode {mode!r} is one of the daemon's: give the look-ahead too (preview)")
     if start is not None and not math.isfinite(start):
-        raise BadInput(f"start: {start!r} is not a finite drive")
+        raise BadInput(f"--start {start:g}: not a finite drive")
+    if slew is not None and not slew > 0:
+        raise BadInput(f"--slew {slew:g}: must be greater than 0")
+    if preview is not None and not 0 <= preview < LONGEST_PREVIEW_S:
+        raise BadInput(f"--preview {preview:g}: must be from 0 to {LONGEST_PREVIEW_S:g} s")
     model = take_model(model)
     trajectory = take_trajectory(data, unit or model.displacement_unit)
     t_s, target, step = spaced_evenly(trajectory, target_in_unit(trajectory, model), period)
     v = model.validity
+    lowest = v.drive_min if low is None else low
+    highest = v.drive_max if high is None else high
+    if not lowest < highest:
+        raise BadInput(f"--min {lowest:g}: must be below --max, {highest:g}")
     compensator = Compensator(
         model,
         step,
-        v.drive_min if low is None else low,
-        v.drive_max if high is None else high,
+        lowest,
+        highest,
         FREE_SLEW if slew is None else slew,
         mode if preview is not None else "auto",
         WINDOW_S if preview is None else preview,

@@ -14,6 +14,7 @@ from dehyst.daemon.files.recordings import (
     recording_of,
     trajectory_of,
 )
+from dehyst.daemon.printable import how_many
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model
 from dehyst.models.recording import Recording, Trajectory
@@ -39,7 +40,10 @@ def take_recordings(
     """
     if data and _is_array(data[0]):
         if not 2 <= len(data) <= 3 or not all(map(_is_array, data)):
-            raise BadInput(f"{len(data)} arguments are not t_s, drive, displacement; {FORMS}")
+            raise BadInput(
+                f"{how_many(len(data), 'argument is', 'arguments are')} not t_s, drive, "
+                f"displacement; {FORMS}"
+            )
         names = ("t_s", f"u_{units[0]}", f"y_{units[1]}")
         data = (dict(zip(names, data, strict=False)),)
     elif len(data) == 1 and isinstance(data[0], Sequence) and not isinstance(data[0], str):

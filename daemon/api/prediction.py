@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dehyst.daemon.printable import how_many
 from dehyst.models.cascade.history import replay_recording
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model
@@ -106,7 +107,8 @@ def settled_row(model: Model, recording: Recording) -> int:
 
 def describe_misfit(error: Misfit, unit: str) -> str:
     """Return the error as text, with the rows over which it was computed."""
-    whole = f"{error.rms:.4g} {unit} rms over all {error.rows} rows"
+    rows = how_many(error.rows, "row")
+    whole = f"{error.rms:.4g} {unit} rms over {rows if error.rows == 1 else f'all {rows}'}"
     if error.rms_without_offset < (1.0 - SAME) * error.rms:
         whole += (
             f" ({error.rms_without_offset:.4g} {unit} without its mean of {error.offset:.4g} "

@@ -30,8 +30,9 @@ from dehyst.models.inverse.compensator import FLAG_NAMES
 from dehyst.models.inverse.offline import Inverted
 from dehyst.models.model import Model, Provenance
 from dehyst.models.recording import Floats, Recording
-from dehyst.models.units import pick_unit
+from dehyst.models.units import pick_unit, spell_unit
 
+DIAGNOSIS_FILES = ("diagnosis.json", "model.toml", "report.html")
 SAID = {"partly": "partly explained", "unknown": "not explained"}
 
 
@@ -88,13 +89,15 @@ class Identified:
         """Remarks on the result for the user."""
         return self.details.notes
 
-    def save(self, path: str | Path) -> Path:
-        """Write the model as TOML."""
+    def save(self, path: str | Path, force: bool = False) -> Path:
+        """Write the model as TOML. force: replace an existing file that is no model."""
+        check_outputs([path], [], force)
         save_model(self.model, path)
         return Path(path)
 
-    def report(self, path: str | Path, name: str = "the model") -> Path:
-        """Write the report as one HTML file."""
+    def report(self, path: str | Path, name: str = "the model", force: bool = False) -> Path:
+        """Write the report as one HTML file. force: replace an existing file that is no report."""
+        check_outputs([path], [], force)
         from dehyst.daemon.report.identification import report_identification
 
         page = report_identification(self.details, self.recordings, self.coverage, name)
@@ -263,8 +266,9 @@ class Validated(Sequence[Validation]):
     def __iter__(self) -> Iterator[Validation]:
         return iter(self.results)
 
-    def report(self, path: str | Path) -> Path:
-        """Write the report as one HTML file."""
+    def report(self, path: str | Path, force: bool = False) -> Path:
+        """Write the report as one HTML file. force: replace an existing file that is no report."""
+        check_outputs([path], [], force)
         from dehyst.daemon.report.validation import report_validation
 
         return write_page(Path(path), report_validation(self.rows))
@@ -310,12 +314,13 @@ class Diagnosed:
         """Return the content of diagnosis.json."""
         return self.details.to_dict()
 
-    def save(self, folder: str | Path) -> Path:
+    def save(self, folder: str | Path, force: bool = False) -> Path:
         """Write diagnosis.json, model.toml and report.html into a folder; return the report's
-        path."""
+        path. force: replace an existing model.toml that is no model."""
         from dehyst.daemon.report.diagnosis import report_diagnosis
 
         folder = Path(folder)
+        check_outputs([folder / name for name in DIAGNOSIS_FILES], [], force)
         said = json_text(self.to_dict(), indent=2) + "\n"
         write_page(folder / "diagnosis.json", said)
         save_model(self.model, folder / "model.toml")
@@ -350,12 +355,12 @@ def _describe_diagnosis(diagnosis: Diagnosis) -> str:
     lines = [f"data: {said}" for said in diagnosis.data.says]
     verdict = SAID.get(diagnosis.verdict, diagnosis.verdict)
     lines.append(
-        f"{verdict}: the model in use leaves {k * before:.3g} {unit} rms, the augmented "
-        f"model {k * after:.3g} (noise {k * diagnosis.noise:.3g})"
+        f"{verdict}: the model in use leaves {k * before:.3g} {spell_unit(unit)} rms, the "
+        f"augmented model {k * after:.3g} (noise {k * diagnosis.noise:.3g})"
     )
     for f in diagnosis.findings:
         ties = f" (or {', '.join(f.ambiguous_with)})" if f.ambiguous_with else ""
-        lines.append(f"  {f.name}{ties}, {100 * f.share:.0f} % of the explainable misfit: {f.says}")
+        lines.append(f"  {f.name}{ties}, {f.percent} of the explainable misfit: {f.says}")
     if diagnosis.next_experiment:
         lines.append(f"  next: {diagnosis.next_experiment}")
     return "\n".join(lines)

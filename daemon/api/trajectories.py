@@ -36,9 +36,14 @@ def spaced_evenly(
     if period is not None:
         if not SHORTEST_S <= period < math.inf:
             raise BadInput(f"--period: must be at least {SHORTEST_S:g} s, not {period:g}")
-        if (t_s[-1] - t_s[0]) / period > MOST_SAMPLES:
+        span = t_s[-1] - t_s[0]
+        if 0.0 < span < period:
+            raise BadInput(
+                f"--period {period:g}: longer than the trajectory, which takes {span:g} s"
+            )
+        if span / period > MOST_SAMPLES:
             raise BadInput(f"--period {period:g}: makes more than {MOST_SAMPLES} samples")
-        even = t_s[0] + np.arange(int((t_s[-1] - t_s[0]) / period + 1.5)) * period
+        even = t_s[0] + np.arange(int(span / period + 1.5)) * period
         return even, np.interp(even, t_s, target), period
     if t_s.size < 2:
         raise BadRecording(f"{trajectory.name}: one sample has no period; give --period")

@@ -6,6 +6,7 @@ import sys
 from dehyst.daemon.client.connection import add_connection, connect_axes, say
 from dehyst.daemon.client.offer_change import CUTS, cuts_trajectory, describe_change
 from dehyst.daemon.commands.reject import add_offer, find_offer, offer_of_axes
+from dehyst.daemon.terminal.number_options import within
 from dehyst.models.errors import BadInput, NotNow
 
 EPILOG = """\
@@ -30,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_offer(parser)
     parser.add_argument(
         "--wait",
-        type=float,
+        type=within(0.0, 86_400.0),
         default=0.0,
         metavar="S",
         help="wait at most S seconds for the end of the trial",

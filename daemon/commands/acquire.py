@@ -8,6 +8,7 @@ from pathlib import Path
 from dehyst.daemon.config import Config, load_config, load_controller
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
+from dehyst.daemon.printable import how_many
 from dehyst.daemon.rings import run_folder
 from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.models.recording import Recording
@@ -80,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         early = f", before the drive's end: {ended}" if ended else ""
         for axis, recording in found.items():
-            print(f"{files[axis]}: {recording.size} samples{early}", file=sys.stderr)
+            print(f"{files[axis]}: {how_many(recording.size, 'sample')}{early}", file=sys.stderr)
             if defects := recording.defects():
                 print(defects, file=sys.stderr)
     return 1 if ended else 0

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.config import load_controller, parse_config
+from dehyst.daemon.config.sections import check_name
 from dehyst.daemon.config.text import SLEW_SPANS, check_range, limits_within, write_commented
 from dehyst.daemon.files.known_units import ACTUATOR, SENSOR
 from dehyst.daemon.files.models import write_text
@@ -106,6 +107,7 @@ def run(args: argparse.Namespace) -> int:
     if args.range is None:
         raise BadInput("init: give the voltage limits of the stage: --range MIN MAX")
     low, high = args.range
+    check_name(args.name)
     check_range(low, high, args.slew)
     if not 0.0 < args.rate < float("inf"):
         raise BadInput(f"--rate {args.rate:g}: a sampling rate in Hz, greater than 0")

@@ -9,6 +9,7 @@ from dehyst.daemon.files.foreign.reading import add_reading, reading_of
 from dehyst.daemon.files.given_recordings import say_defects, say_read
 from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
 from dehyst.daemon.files.recordings import SUFFIXES, WRITTEN, read_parts, write_recording
+from dehyst.daemon.printable import how_many
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -52,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
             say_read(what_is_missing(output.name, names))
         written.append({"output": str(output), "rows": int(t_s.size), "columns": names})
         if not args.json:
-            print(f"{output}: {t_s.size} rows of {', '.join(names)}")
+            print(f"{output}: {how_many(t_s.size, 'row')} of {', '.join(names)}")
     if args.json:
         print(json.dumps(written[0] if len(written) == 1 else {"parts": written}))
     return 0
@@ -66,6 +67,5 @@ def what_is_missing(name: str, columns: Sequence[str]) -> str:
         return ""
     return (
         f"note: {name} has no {' and no '.join(roles[role] for role in missing)}, which identify, "
-        f"validate and diagnose need: no heading names it; add --columns "
-        f"{','.join(f'{role}=...' for role in missing)}"
+        "validate and diagnose need"
     )

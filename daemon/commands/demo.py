@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.terminal.number_options import natural
 from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.models.errors import DehystError
 
@@ -43,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder for plots, recordings and model (default: out)",
     )
-    parser.add_argument("--seed", type=int, metavar="N", help="seed of the second part")
+    parser.add_argument("--seed", type=natural, metavar="N", help="seed of the second part")
     parser.add_argument(
         "--first-act", action="store_true", help="run the first part only, about a minute"
     )

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from dehyst.daemon.api.functions import diagnose, load_model
+from dehyst.daemon.api.results import DIAGNOSIS_FILES
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_given, say_converted
 from dehyst.daemon.files.outputs import add_force, check_outputs
@@ -44,7 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose and write the three files; return 1 if the model lacks something."""
-    results = [args.output / name for name in ("diagnosis.json", "model.toml", "report.html")]
+    results = [args.output / name for name in DIAGNOSIS_FILES]
     check_outputs(results, [*args.recordings, args.model], args.force)
     recordings = _read(args)
     model = load_model(args.model) if args.model else None
@@ -56,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput(f"{args.output}: cannot be made: {error.strerror or error}") from None
     with _progress(Console(stderr=True)) as say:
         found = diagnose(recordings, model=model, progress=say)
-    report = found.save(args.output)
+    report = found.save(args.output, force=args.force)
     if args.json:
         print_json(found.to_dict())
     else:

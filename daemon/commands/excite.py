@@ -12,6 +12,7 @@ from dehyst.daemon.files.models import load_model
 from dehyst.daemon.files.outputs import add_force, check_outputs, report_failures, whole_file
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.daemon.json_text import print_json
+from dehyst.daemon.printable import how_many
 from dehyst.models.drive_design.coverage import Coverage, measure_coverage
 from dehyst.models.drive_design.excitation import SINES, Excitation, design
 from dehyst.models.drive_design.separation import EFFECTS, SeparatingDrive, separate
@@ -139,7 +140,7 @@ def _design(args: argparse.Namespace) -> int:
         facts = {"sines": sines, "rate_max": drive.rate_max, **_facts(covered)}
         print_json({"output": str(args.output), **facts})
         return 0
-    print(f"{args.output}: {drive.t_s.size} samples, {drive.t_s[-1]:.4g} s")
+    print(f"{args.output}: {how_many(drive.t_s.size, 'sample')}, {drive.t_s[-1]:.4g} s")
     for sine in sines:
         print(
             f"  {sine['amplitude']:8.4g} {spell_unit(args.unit)} at {sine['frequency_hz']:.4g} Hz"
@@ -240,8 +241,8 @@ def _separate(args: argparse.Namespace) -> int:
         return 0
     print(experiment.says)
     print(
-        f"{args.output}: {experiment.t_s.size} samples, {limits.seconds:g} s, {low:g} to {high:g} "
-        f"{spell_unit(unit)}, at most {rate:g} {spell_unit(unit)}/s"
+        f"{args.output}: {how_many(experiment.t_s.size, 'sample')}, {limits.seconds:g} s, "
+        f"{low:g} to {high:g} {spell_unit(unit)}, at most {rate:g} {spell_unit(unit)}/s"
     )
     return 0
 

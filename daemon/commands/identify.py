@@ -64,11 +64,11 @@ def run(args: argparse.Namespace) -> int:
             progress=say,
         )
         seconds = (clock.monotonic_ns() - started_ns) / clock.NS
-        found.save(args.output)
+        found.save(args.output, force=args.force)
         report = None
         if args.report:
             say("writing the report")
-            report = found.report(args.report / "report.html", args.output.name)
+            report = found.report(args.report / "report.html", args.output.name, force=args.force)
     result, covered = found.details, found.coverage
     if args.json:
         print_json(summary(result, covered, args.output, seconds, report))

@@ -14,6 +14,7 @@ from dehyst.daemon.files.given_recordings import say_read
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.files.recordings import read_trajectory
 from dehyst.daemon.json_text import print_json_line
+from dehyst.daemon.printable import how_many
 
 EPILOG = """\
 Writes t_s, target, the drive, the model's prediction, and flags (a sum of:
@@ -102,7 +103,7 @@ def _summary(made: Drive) -> dict[str, Any]:
 
 def _report(output: Path, made: Drive) -> None:
     unit = made.model.displacement_unit
-    print(f"{output}: {made.drive.size} samples, {made.mode} ({made.reason})")
+    print(f"{output}: {how_many(made.drive.size, 'sample')}, {made.mode} ({made.reason})")
     if math.isfinite(made.rms):
         print(
             f"predicted error {made.rms:.3g} {unit} rms where the target can be reached, after "
@@ -114,4 +115,4 @@ def _report(output: Path, made: Drive) -> None:
     if made.monotone_price:
         print(f"nearest monotone model: {made.monotone_price:.3g} {unit} rms from this one")
     for name, count in made.flagged.items():
-        print(f"{count} samples: {name}")
+        print(f"{how_many(count, 'sample')}: {name}")

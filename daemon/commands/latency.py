@@ -16,6 +16,7 @@ from dehyst.daemon.loop.timing.histogram import Histogram
 from dehyst.drivers.direct_calls import Reachable
 from dehyst.models.errors import BadInput
 
+MOST_CPUS = 1024  # of a set of CPUs in Linux
 EPILOG = """\
 Runs the daemon's own loop on a simulated stage, in this process, with the priority, CPU and engine
 of --config if given, and times the device calls of an emulated MDT693B and KSG101, or with
@@ -104,6 +105,7 @@ def _setup(args: argparse.Namespace, config: Config | None, default_hz: float) -
         ("--rate", setup.rate_hz, 1.0, 20_000.0),
         ("--for", setup.seconds, 0.1, 86_400.0),
         ("--priority", setup.priority, 0, 99),
+        ("--cpu", setup.cpu, -1, MOST_CPUS - 1),
         ("--spin", setup.spin_us or 0.0, 0.0, 1000.0),
     ):
         if not low <= value <= high:

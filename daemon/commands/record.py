@@ -10,7 +10,9 @@ from dehyst import __version__
 from dehyst.daemon.client.connection import add_connection, connect_axes, say
 from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
 from dehyst.daemon.json_text import print_json
+from dehyst.daemon.printable import how_many
 from dehyst.daemon.rings.records import Flag
+from dehyst.daemon.terminal.number_options import positive
 from dehyst.models.errors import BadInput, NotNow
 
 if TYPE_CHECKING:
@@ -47,7 +49,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst record`."""
     parser.epilog = EPILOG
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="REC")
-    parser.add_argument("--for", dest="seconds", type=float, metavar="S", help="seconds to record")
+    parser.add_argument(
+        "--for", dest="seconds", type=positive, metavar="S", help="seconds to record"
+    )
     parser.add_argument(
         "--frame",
         choices=("setpoint", "model"),
@@ -71,8 +75,6 @@ def run(args: argparse.Namespace) -> int:
     from dehyst.daemon.files.recorder import Recorder
     from dehyst.daemon.files.rows import check_kind
 
-    if args.seconds is not None and not args.seconds > 0:
-        raise BadInput("--for: must be greater than 0")
     if args.keep and not args.rotate:
         raise BadInput("--keep goes with --rotate: it deletes whole pieces")
     rotation = parse_rotation(args.rotate, args.keep, args.force) if args.rotate else None
@@ -209,7 +211,8 @@ def report_recorded(results: dict[str, dict[str, Any]], as_json: bool) -> int:
         for result in results.values():
             lost, fetched = result["lost_samples"], result["fetched_from_history"]
             say(
-                f"{result['file']}: {result['samples']} samples, {result['seconds']:.3f} s; "
-                f"{lost} lost" + (f", {fetched} fetched from the history" if fetched else "")
+                f"{result['file']}: {how_many(result['samples'], 'sample')}, "
+                f"{result['seconds']:.3f} s; {lost} lost"
+                + (f", {fetched} fetched from the history" if fetched else "")
             )
     return 0 if all(result["complete"] for result in results.values()) else 1

@@ -11,6 +11,7 @@ import msgspec
 
 from dehyst.daemon.bus.security import check_open
 from dehyst.daemon.config import Config, load_controller
+from dehyst.daemon.config.sections import check_name
 from dehyst.daemon.interrupts import ended_at_once
 from dehyst.daemon.printable import printable
 from dehyst.daemon.rings import run_folder
@@ -83,8 +84,10 @@ def run(args: argparse.Namespace) -> int:
             raise BadInput(f"--{option} goes without --config, which sets it")
     if args.config:
         return supervise(args.config)
-    check_open([args.listen or LISTEN], authenticated=False)
-    check_free(args.listen or LISTEN)
+    name, listen = args.name or NAME, args.listen or LISTEN
+    check_name(name)
+    check_open([listen], authenticated=False)
+    check_free(listen)
     say_of_run(
         "starting an emulated MDT693B and KSG101 with a simulated stage (no --config was given)"
     )
@@ -102,7 +105,6 @@ def run(args: argparse.Namespace) -> int:
         directory = Path(folder)
         several = ["--axes", str(len(axes))] if len(axes) > 1 else []
         bench = BenchProcess(directory, [*imitation.stage, *several])
-        name, listen = args.name or NAME, args.listen or LISTEN
         try:
             if several:
                 path = write_axes_bench(directory, bench.ports, name, listen, models, more=MAY_STAY)
@@ -112,12 +114,17 @@ def run(args: argparse.Namespace) -> int:
                     directory, bench.ports, name, listen, model, imitation, more=MAY_STAY
                 )
             say_of_run(
-                f"its configuration is {path}; this folder is deleted when it ends. Try `dehyst "
-                "watch` in another terminal"
+                f"its configuration is {path}; this folder is deleted when it ends. Try "
+                f"`{watching(listen)}` in another terminal"
             )
             return supervise(path)
         finally:
             bench.close()
+
+
+def watching(listen: str) -> str:
+    """Return the command that watches a daemon at this address."""
+    return "dehyst watch" if listen == LISTEN else f"dehyst watch --connect {listen}"
 
 
 def models_of_bench(

@@ -10,6 +10,7 @@ import numpy as np
 
 from dehyst.daemon.client.connection import add_connection
 from dehyst.daemon.files.outputs import add_force, check_outputs, whole_file
+from dehyst.daemon.terminal.number_options import finite, positive
 from dehyst.models.errors import BadInput, DehystError
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add(
         "--center",
         nargs=2,
-        type=float,
+        type=finite,
         metavar=("X", "Y"),
         help="center of the path (default: middle of the reach; where that is not known, 0 0)",
     )
@@ -126,7 +127,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar=("AXIS", "MODEL.toml"),
         help="without --config: the model of this axis, which gives its reach; one for each axis",
     )
-    add("--slew", type=float, metavar="PER_S", help="with --model: largest rate of the drive")
+    add("--slew", type=positive, metavar="PER_S", help="with --model: largest rate of the drive")
     add("--picture", type=Path, metavar="PNG", help="draw the path and its targets over time")
     add_force(parser)
     add("--json", action="store_true", help="print what was written as JSON on stdout")

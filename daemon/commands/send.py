@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from dehyst.daemon.client.connection import add_connection, connect_axes, say
 from dehyst.daemon.json_text import print_json
 from dehyst.daemon.rings.status import place, positioning
+from dehyst.daemon.terminal.number_options import finite, positive
 from dehyst.daemon.terminal.what_follows import (
     HELD,
     STAYS,
@@ -59,7 +60,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--release", action="store_true", help="ramp to the safe voltage now")
     until = parser.add_mutually_exclusive_group()
     until.add_argument(
-        "--for", dest="seconds", type=_positive, metavar="S", help="stay there for S seconds"
+        "--for", dest="seconds", type=positive, metavar="S", help="stay there for S seconds"
     )
     until.add_argument(
         "--stay",
@@ -81,27 +82,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def _target(text: str) -> tuple[str, float]:
     """Parse "4.5", whose axis is "", or "x=4.5" into (axis, value)."""
     axis, _, value = text.rpartition("=")
-    return axis, _finite(value)
-
-
-def _finite(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not a finite number; write it without a unit (targets are in the "
-            "daemon's displacement unit, times in seconds)"
-        )
-    return value
-
-
-def _positive(text: str) -> float:
-    value = _finite(text)
-    if value <= 0:
-        raise argparse.ArgumentTypeError("must be greater than 0")
-    return value
+    return axis, finite(value)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.client.connection import say
+from dehyst.daemon.config.sections import check_name
 from dehyst.daemon.json_text import print_json
 from dehyst.daemon.rings.run_folder import locked
 from dehyst.daemon.setup.names import NAMES
@@ -147,6 +148,8 @@ def run(args: argparse.Namespace) -> int:
     if args.amplifier and not args.emulated:
         raise BadInput("--amplifier goes with --emulated: a real one is recognised at its port")
     _check_numbers(args)
+    if args.name:
+        check_name(args.name)
     try:
         str(args.folder.resolve()).encode()
     except UnicodeEncodeError:

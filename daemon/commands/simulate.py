@@ -8,6 +8,7 @@ from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_one_given, say_converted
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.json_text import print_json
+from dehyst.daemon.printable import how_many
 
 NEARLY_ALL = 0.9995
 """Least share of rows outside the validity that the note prints as 100.0 %."""
@@ -58,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
         }
         print_json(said)
         return 0
-    print(f"{args.output}: {rows} rows, column y_model_{unit}")
+    print(f"{args.output}: {how_many(rows, 'row')}, column y_model_{unit}")
     if found.band is not None:
         if max(found.outside.values(), default=0.0) < NEARLY_ALL:
             print(

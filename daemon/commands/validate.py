@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     recordings = read_given(paths, args, defects=True)
     found = validate(models, recordings)
     if page is not None:
-        found.report(page)
+        found.report(page, force=args.force)
     if args.json:
         print_json([_summary(name, v) for name, _, v in found.rows])
     else:

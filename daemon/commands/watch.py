@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from dehyst.daemon.client.connection import add_connection, address_of, connect_axes, say
 from dehyst.daemon.json_text import print_json, print_json_line
+from dehyst.daemon.terminal.number_options import positive, within
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,10 +33,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst watch`."""
     parser.epilog = EPILOG
     parser.add_argument(
-        "--for", dest="seconds", type=float, metavar="S", help="stop after S seconds"
+        "--for", dest="seconds", type=positive, metavar="S", help="stop after S seconds"
     )
     parser.add_argument(
-        "--window", type=float, default=10.0, metavar="S", help="length of the plots (default: 10)"
+        "--window",
+        type=within(0.1, 3600.0),
+        default=10.0,
+        metavar="S",
+        help="length of the plots (default: 10)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON status per second")
     parser.add_argument(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from dehyst.daemon.client.connection import add_connection, connect_axes, say
 from dehyst.daemon.json_text import print_json
 from dehyst.daemon.rings.status import OTHER_STAGE, USUAL_SHIFT
+from dehyst.daemon.terminal.number_options import finite, within
 from dehyst.daemon.terminal.what_follows import after_a_stop, after_the_last
 from dehyst.models.errors import BadInput
 
@@ -43,7 +44,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="share of the reach that --exercise covers, about its middle (default: 0.9)",
     )
     parser.add_argument(
-        "--seconds", type=_seconds, default=10.0, metavar="S", help="time of one way there and back"
+        "--seconds",
+        type=within(2.0, 600.0),
+        default=10.0,
+        metavar="S",
+        help="time of one way there and back",
     )
     parser.add_argument("--look", action="store_true", help="only print the difference")
     parser.add_argument(
@@ -54,16 +59,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _share(text: str) -> float:
-    value = float(text)
+    value = finite(text)
     if not 0.0 < value <= 1.0:
         raise argparse.ArgumentTypeError("must be above 0 and at most 1")
-    return value
-
-
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not 2.0 <= value <= 600.0:
-        raise argparse.ArgumentTypeError("must be from 2 to 600")
     return value
 
 

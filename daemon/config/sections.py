@@ -14,6 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from dehyst.drivers import system
+from dehyst.models.errors import BadInput
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -326,6 +327,15 @@ def usable_name(text: str) -> str:
         return msgspec.convert(text.lower(), Name)
     except msgspec.ValidationError:
         return ""
+
+
+def check_name(name: str) -> None:
+    """Raise BadInput if the value of --name is no controller's name."""
+    if usable_name(name) != name:
+        raise BadInput(
+            f"--name {name!r}: use a-z, 0-9, _ and -, beginning with a letter or digit, at most 63 "
+            "characters"
+        )
 
 
 def run_directory(name: str, run_dir: str) -> Path:

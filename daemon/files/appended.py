@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Self
 
 from dehyst.daemon.files.outputs import report_failures
+from dehyst.daemon.printable import how_many
 from dehyst.drivers import system
 from dehyst.models.errors import DehystError
 
@@ -20,7 +21,7 @@ class RecordingFailed(DehystError):
         if isinstance(self, RecordingDeleted):
             return self
         how = f", by dehyst {by}" if by and rows else ""
-        return type(self)(f"{self}; {rows} rows of it can be read{how}")
+        return type(self)(f"{self}; {how_many(rows, 'row')} of it can be read{how}")
 
 
 class RecordingDeleted(RecordingFailed):
@@ -62,7 +63,7 @@ class AppendedFile:
     def require_there(self, rows: int) -> None:
         """Raise RecordingFailed if the file was deleted. rows: that it held."""
         if self._file >= 0 and os.fstat(self._file).st_nlink == 0:
-            lost = f"; its {rows} rows are lost" if rows else ""
+            lost = f"; {how_many(rows, 'row of it is', 'rows of it are')} lost" if rows else ""
             raise RecordingDeleted(f"{self.path}: was deleted while it was written{lost}")
 
     def flush(self) -> None:

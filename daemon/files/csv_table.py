@@ -31,6 +31,8 @@ MOST_NOTES = 1000
 TRUSTED_BYTES, MOST_PACKED = 6 << 20, 60
 """Limits on unpacking: a text of numbers unpacks to five to thirty times its packed size."""
 MOST_COLUMNS = 256
+END_OF_FILE = "\x1a"
+"""What programs for DOS write behind the last line (Ctrl-Z)."""
 LARGEST = 1e15  # beyond this a number is damage, not a measurement; its cube still fits a float
 MISSING = {
     "", "nan", "-nan", "nan(ind)", "-nan(ind)", "nan(snan)", "-nan(snan)", "na", "n/a", "<na>",
@@ -156,18 +158,26 @@ def _blocks(name: str, handle: BinaryIO, line: int) -> Iterator[tuple[int, str]]
         data = rest + raw
         cut = len(data) if not raw else data.rfind(b"\n") + 1
         block, rest = data[:cut], data[cut:]
-        if len(rest) > LONGEST_LINE:
-            raise BadRecording(f"{name}: a line is too long for a CSV recording")
+        if not raw:
+            block = block.removesuffix(END_OF_FILE.encode())
         if block:
             yield line + 1, _decode(name, block, line + 1)
             line += block.count(b"\n")
+        if len(rest) > LONGEST_LINE:
+            _decode(name, rest, line + 1)
+            raise BadRecording(f"{name}: a line is too long for a CSV recording")
         if not raw:
             return
 
 
 def _decode(name: str, raw: bytes, line: int) -> str:
     if b"\0" in raw:
-        at = line + raw[: raw.index(b"\0")].count(b"\n")
+        before = raw[: raw.index(b"\0")]
+        at = line + before.count(b"\n")
+        if raw.rstrip(b"\0") == before:
+            raise _cut_short(
+                name, f"zero bytes from line {at} to the end", "its writer was stopped"
+            )
         raise BadRecording(f"{name}: line {at} holds a zero byte: not a text file")
     try:
         return raw.decode("utf-8")
@@ -198,9 +208,9 @@ def _is_cut(last: str, before: str) -> bool:
     return ends_inside_number(ends[0], ends[1:], ".")
 
 
-def _cut_short(name: str, what: str) -> BadRecording:
+def _cut_short(name: str, what: str, why: str = "the last line is cut short") -> BadRecording:
     return BadRecording(
-        f"{name}: {what}: the last line is cut short; dehyst convert --unfinished "
+        f"{name}: {what}: {why}; dehyst convert --unfinished "
         f"{shlex.quote(name)} whole.csv keeps the lines before"
     )
 

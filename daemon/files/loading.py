@@ -269,7 +269,8 @@ def _understood(path: Path, found: Sheet, reading: ReadOptions, wants: Sequence[
             column.values = np.where(none, np.nan, column.values)
             found.said.append(f"{words} taken for no value")
     found.said = [printable(text) for text in found.said]
-    found = of_one_length(path.name, found, map(str, reading.columns.values()), wants)
+    needs = [role for role in wants if role not in reading.columns]
+    found = of_one_length(path.name, found, map(str, reading.columns.values()), needs)
     _refuse_absurd(path.name, {c.heading: c.values for c in found.columns})
     try:
         read = understand(path.name, found, reading, wants)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from dehyst.daemon.files.outputs import report_failures, whole_file
 from dehyst.daemon.input_file import NotReadable, read_text
+from dehyst.daemon.printable import in_utf8
 from dehyst.models.errors import BadModel
 from dehyst.models.model import Model
 from dehyst.models.modelfile import SHIPPED, dumps, loads, shipped
@@ -34,9 +35,10 @@ def load_model(path: str | Path) -> Model:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write text so that the file appears complete or not at all. Raises OSError."""
+    """Write text so that the file appears complete or not at all; what UTF-8 has no bytes for, as
+    in the name of a file, is escaped. Raises OSError."""
     with whole_file(path) as file:
-        file.write(text.encode("utf-8"))
+        file.write(in_utf8(text).encode("utf-8"))
 
 
 def save_model(model: Model, path: str | Path) -> None:

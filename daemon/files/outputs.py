@@ -76,7 +76,10 @@ def check_outputs(
 
 
 def check_place(path: Path) -> None:
-    """Raise BadInput if the path exists but is not an ordinary file."""
+    """Raise BadInput if the path exists but is not an ordinary file, or if what should be a folder
+    above it is a file."""
+    if blocking := next((p for p in path.parents if p.exists() and not p.is_dir()), None):
+        raise BadInput(f"{blocking}: is a file, not a folder")
     if path.exists() and not path.is_file():
         raise BadInput(f"{path}: cannot be written: it is not an ordinary file")
 

@@ -23,6 +23,7 @@ from dehyst.daemon.files.appended import RecordingFailed
 from dehyst.daemon.files.axis_columns import axis_column
 from dehyst.daemon.files.pieces import Pieces, Rotation
 from dehyst.daemon.files.rows import Columns, RowWriter, check_kind, open_rows
+from dehyst.daemon.printable import how_many
 from dehyst.daemon.rings.records import Flag
 
 NO_OTHERS: Mapping[str, NDArray[Any]] = {}
@@ -127,7 +128,7 @@ class Recorder:
         if (self.rows and t_s[0] <= self.time_s) or np.any(np.diff(t_s) <= 0):
             raise RecordingFailed(
                 f"{self.path}: the daemon's clock restarted (a reboot?); the recording ends "
-                f"after {self.rows} samples"
+                f"after {how_many(self.rows, 'sample')}"
             )
         keep = t_s < until_s
         done = not keep.all()

@@ -28,6 +28,7 @@ from dehyst.daemon.files.number_text import number_texts
 from dehyst.daemon.files.outputs import report_failures, whole_file
 from dehyst.daemon.files.sidecar import write_notes
 from dehyst.daemon.files.times import Times, doubt_seconds, repair_times
+from dehyst.daemon.printable import how_many, in_utf8, printable
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Floats, Recording, Trajectory
 from dehyst.models.units import UNIT_NAMES
@@ -73,7 +74,7 @@ def read_recordings(
     path = Path(path)
     wants = ("t", "u", "y") if need_displacement else ("t", "u")
     loaded = load_columns(path, reading, wants=wants)
-    parts = _recordings(path.name, loaded, need_displacement, min_rows, reading)
+    parts = _recordings(printable(path.name), loaded, need_displacement, min_rows, reading)
     digest = _sha256(path)
     if len(parts) == 1:
         return [replace(parts[0], sha256=digest)]
@@ -145,13 +146,13 @@ def _recordings(
             )
         )
     if not out:
-        raise BadRecording(f"{name}: no part of it has {min_rows} rows")
+        raise BadRecording(f"{name}: no part of it has {how_many(min_rows, 'row')}")
     return out
 
 
 def _say(name: str, loaded: Loaded, times: Times, *remarks: str) -> str:
     said = [text for text in (loaded.said, *times.said, *remarks) if text]
-    return f"{name}: read {times.t_s.size} rows: {'; '.join(said)}" if said else ""
+    return f"{name}: read {how_many(times.t_s.size, 'row')}: {'; '.join(said)}" if said else ""
 
 
 def read_trajectory(
@@ -164,7 +165,9 @@ def read_trajectory(
     """
     path = Path(path)
     loaded = load_columns(path, reading, wants=("t",) if column else ("t", "target"))
-    return replace(_trajectory(path.name, loaded, min_rows, column), sha256=_sha256(path))
+    return replace(
+        _trajectory(printable(path.name), loaded, min_rows, column), sha256=_sha256(path)
+    )
 
 
 def trajectory_of(columns: Mapping[str, Any], name: str, *, min_rows: int = 1) -> Trajectory:
@@ -217,15 +220,16 @@ def read_parts(
     """Like read_columns, but return several parts if the clock went back (the file is cut there),
     and how a file of another program was interpreted, which is also in the notes."""
     path = Path(path)
+    name = printable(path.name)
     loaded = load_columns(path, reading, unfinished, wants=("t",))
-    times = _time(path.name, loaded, 1)
+    times = _time(name, loaded, 1)
     doubt = ""
     kinds = {key.partition("_")[0] for key in loaded.columns}
     if "target" not in kinds or kinds & {"u", "y"}:  # a trajectory may be as slow as it likes
         longest = max(times.parts, key=lambda part: part[1] - part[0])
         known = loaded.seconds or bool(reading.time_unit)
-        doubt = doubt_seconds(path.name, times.t_s[slice(*longest)], known)
-    said = _say(path.name, loaded, times, doubt)
+        doubt = doubt_seconds(name, times.t_s[slice(*longest)], known)
+    said = _say(name, loaded, times, doubt)
     notes = {**loaded.notes, **({READ: said} if said else {})}
     columns = loaded.columns
     if times.keep is not None:
@@ -259,22 +263,23 @@ def write_recording(
             )
     if not path.name.endswith(WRITTEN):
         raise BadRecording(f"{path.name}: unknown kind of file; {', '.join(WRITTEN)} are written")
+    notes = {key: in_utf8(str(value)) for key, value in (metadata or {}).items()}
     lines = (line.encode() for line in _csv_lines(table))
     with report_failures(path, BadRecording):
         with whole_file(path) as file:
             if path.suffix == ".npz":
                 arrays: dict[str, Any] = {**table}
-                arrays |= {f"#{k}": np.array(v) for k, v in (metadata or {}).items()}
+                arrays |= {f"#{k}": np.array(v) for k, v in notes.items()}
                 np.savez_compressed(file, **arrays)
             elif path.suffix == ".mcap":
-                write_mcap(file, table, metadata or {})
+                write_mcap(file, table, notes)
             elif path.suffix == ".gz":
                 with gzip.GzipFile(path.name, "wb", 4, file) as packed:
                     packed.writelines(lines)
             else:
                 file.writelines(lines)
         if path.suffix in (".csv", ".gz"):
-            write_notes(path, metadata or {})
+            write_notes(path, notes)
 
 
 def _csv_lines(table: Mapping[str, Any]) -> Iterable[str]:
@@ -294,7 +299,9 @@ def _time(name: str, loaded: Loaded, min_rows: int) -> Times:
         )
     t_s = columns["t_s"]
     if t_s.size < min_rows:
-        raise BadRecording(f"{name}: {t_s.size} rows of data; at least {min_rows} are needed here")
+        raise BadRecording(
+            f"{name}: {how_many(t_s.size, 'row')} of data; at least {min_rows} are needed here"
+        )
 
     def same_row(row: int) -> bool:
         return all(

@@ -20,7 +20,7 @@ from dehyst.daemon.gateway.in_play import InPlay
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.gateway.loop_records import NOTHING, make_records
 from dehyst.daemon.gateway.trajectory import NewPoints, PassedOn, TrajectoryProgress, Values
-from dehyst.daemon.rings.records import LoopCommand, State
+from dehyst.daemon.rings.records import LARGEST_TARGET, LoopCommand, State
 
 DecideOffer = Callable[[str, int], str]
 """Takes (action, number of the offer); returns why not, in words, or "" if it is being done."""
@@ -143,6 +143,12 @@ class Admission:
             )
         if not np.all(np.isfinite(values)):
             raise NotAdmitted("not-finite", "a target is NaN or infinite")
+        if np.max(np.abs(values), initial=0.0) > LARGEST_TARGET:
+            raise NotAdmitted(
+                "unreachable",
+                f"a target is more than {LARGEST_TARGET:g} {self.unit} from 0, which no stage "
+                "reaches; is it in the right unit?",
+            )
         wrong = None if allow_unreachable else begun.find_unreachable(values, self.core.reachable)
         if wrong is not None:
             low, high = self.core.reachable

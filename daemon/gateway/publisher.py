@@ -32,6 +32,7 @@ from dehyst.daemon.gateway.history import TelemetryHistory, runs
 from dehyst.daemon.gateway.mismatch import MismatchWatch
 from dehyst.daemon.gateway.model_trial import ModelTrial
 from dehyst.daemon.gateway.refused_starts import RefusedStarts
+from dehyst.daemon.printable import how_many
 from dehyst.daemon.rings.records import State, model_file, name_of
 from dehyst.daemon.rings.status import STATUS, message_values
 
@@ -279,7 +280,7 @@ class Publisher:
         """Return one line for systemctl status."""
         core = self._admission.core
         state = name_of(State, core.state) if core.alive else "no loop"
-        return f"{state}, {self._published} samples published, {self._lost} lost"
+        return f"{state}, {how_many(self._published, 'sample')} published, {self._lost} lost"
 
 
 def mean_reading(measured: NDArray[np.float64]) -> float:

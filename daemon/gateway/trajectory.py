@@ -11,11 +11,10 @@ from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.messages import Chunk
 from dehyst.daemon.bus.refusal_codes import NotAdmitted
 from dehyst.daemon.gateway.core_view import CoreView
-from dehyst.daemon.rings.records import State
+from dehyst.daemon.rings.records import LATEST_OFFSET_NS, State
 
 Offsets: TypeAlias = NDArray[np.int64]
 Values: TypeAlias = NDArray[np.float64]
-LATEST_OFFSET_NS = 10**18
 COMPLETE = "it is complete"
 
 

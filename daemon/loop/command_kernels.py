@@ -24,13 +24,9 @@ from dehyst.daemon.loop.records_in_memory import (
     trim_setting_of,
 )
 from dehyst.daemon.loop.states import LoopEvent
-from dehyst.daemon.rings.records import LoopCommand, State
+from dehyst.daemon.rings.records import LARGEST_TARGET, LATEST_OFFSET_NS, LoopCommand, State
 from dehyst.models.inverse.state import inverse_at
 from dehyst.models.learning import trim
-
-# limits against invalid values that passed the gateway; the inverse checks what is reachable
-LARGEST_TARGET = 1e6
-LONGEST_OFFSET_NS = 10**9 * 86_400 * 365
 
 # enumerations as integers, which compile faster
 READY, RUNNING = as_int64(State.READY), as_int64(State.RUNNING)
@@ -66,7 +62,7 @@ def admit(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
         return
     if not takes(c, TARGET):
         return  # the gateway refuses these with a message; late ones are dropped here
-    if not abs(value) <= LARGEST_TARGET or not abs(command.offset_ns) <= LONGEST_OFFSET_NS:
+    if not abs(value) <= LARGEST_TARGET or not abs(command.offset_ns) <= LATEST_OFFSET_NS:
         add_note(table, c, BAD_VALUE, value)
     elif kind == SETPOINT:
         _setpoint(table, c, p, now_ns, value)

@@ -19,7 +19,7 @@ from dehyst.daemon.loop import targets
 from dehyst.daemon.loop.settings import SETTINGS_T
 from dehyst.daemon.loop.states import NEXT, NOTHING
 from dehyst.daemon.loop.targets import QUEUE_T
-from dehyst.daemon.rings.records import COMMAND, TELEMETRY, MissCause
+from dehyst.daemon.rings.records import COMMAND, LARGEST_TARGET, TELEMETRY, MissCause
 from dehyst.models.addresses import floats_at, pointer, record, whole_at
 from dehyst.models.learning import trim
 
@@ -192,7 +192,8 @@ class Note(IntEnum):
 
 
 TEXTS = {
-    Note.BAD_VALUE: "set-point {:g} dropped: not a finite number",
+    Note.BAD_VALUE: f"target {{:g}} dropped: it is not within {LARGEST_TARGET:g} of 0, or its time "
+    "is invalid",
     Note.WITHDRAWN: "trajectory withdrawn by its client",
     Note.STOPPED: "stopped by a client",
     Note.STOP_KEPT: "stopped by a client while a device has failed: once it is back, the output "

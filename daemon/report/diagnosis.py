@@ -115,9 +115,9 @@ def _finding(out: Page, finding: Finding) -> None:
         out.add_text(finding.says)
         if known:
             out.add_share(finding.share)
-            percent = 100 * min(max(finding.share, 0.0), 1.0)
             out.add_text(
-                f"explains {percent:.0f} % of the explainable misfit; acts on the {finding.place}",
+                f"explains {finding.percent} of the explainable misfit; acts on the "
+                f"{finding.place}",
                 "soft",
             )
         if finding.ambiguous_with:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
+from dehyst.daemon.printable import how_many
 from dehyst.daemon.report.plotting import BEFORE, MODEL, UNUSED, add_legend, draw_side_by_side
 from dehyst.models.learning.passes import Outcome
 from dehyst.models.recording import Floats
@@ -22,7 +23,7 @@ def draw_by_pass(outcomes: Sequence[Outcome], unit: str, axes: Axes) -> str:
     axes.set(xlabel="pass", ylabel=f"error, {unit} rms", title="error by pass, without the noise")
     axes.set_ylim(bottom=0.0)
     add_legend(axes)
-    return f"Error of {len(outcomes)} passes."
+    return f"Error of {how_many(len(outcomes), 'pass', 'passes')}."
 
 
 def draw_before_and_after(

@@ -114,7 +114,7 @@ def show_diagnosis(diagnosis: Diagnosis) -> str:
         with out.open_box(warn=finding.name == "unknown"):
             out.add_subheading(finding.title or finding.name)
             out.add_text(finding.says)
-            out.add_text(f"{100 * finding.share:.0f} % of the explainable misfit", "soft")
+            out.add_text(f"{finding.percent} of the explainable misfit", "soft")
     if diagnosis.next_experiment:
         out.add_text(f"Next: {diagnosis.next_experiment}")
     for view in diagnosis.views[:1]:

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 
+from dehyst.daemon.printable import how_many
 from dehyst.daemon.report.page import Page
 from dehyst.daemon.report.plotting import (
     MEASURED,
@@ -50,17 +51,16 @@ def say_validation(model: str, v: Validation) -> str:
             f"{unit} rms of its noise are not counted as error, which leaves {left:.3g}"
         )
     if v.late:
-        text += f"\nnote: {v.late} rows at late samples are not judged"
+        late = how_many(v.late, "row at a late sample is", "rows at late samples are")
+        text += f"\nnote: {late} not judged"
     if v.repeats:
-        text += (
-            f"\nnote: {v.repeats} rows repeat the reading of the row before and are not judged: "
-            "the gauge was polled faster than it reads"
-        )
+        before = "the reading of the row before and"
+        repeats = how_many(v.repeats, f"row repeats {before} is", f"rows repeat {before} are")
+        text += f"\nnote: {repeats} not judged: the gauge was polled faster than it reads"
     if v.stuck:
-        text += (
-            f"\nnote: {v.stuck} rows have exactly the same reading while the drive moves and are "
-            "not judged: the gauge is stuck or at its limit there"
-        )
+        same = "exactly the same reading while the drive moves and"
+        stuck = how_many(v.stuck, f"row has {same} is", f"rows have {same} are")
+        text += f"\nnote: {stuck} not judged: the gauge is stuck or at its limit there"
     if v.outside >= 0.0005:
         text += f"\nnote: {v.outside:.1%} of the rows are outside the model's validity"
     return text

@@ -17,6 +17,10 @@ from typing import Any
 
 import numpy as np
 
+LARGEST_TARGET, LATEST_OFFSET_NS = 1e6, 10**9 * 86_400 * 365
+"""Limits of a target, in either direction, and of a trajectory point's time. The gateway refuses
+what is beyond them, and the loop drops what passed the gateway."""
+
 TELEMETRY = np.dtype(
     [
         ("seq", "<i8"),  # sample number since the core started, without gaps

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.config import Config
+from dehyst.daemon.printable import how_many
 from dehyst.daemon.setup.questions import Wishes
 from dehyst.daemon.setup.workbench import Workbench
 from dehyst.models.drive_design.coverage import measure_coverage
@@ -201,8 +202,8 @@ def judge_recording(
     due = round(float(found.t_s[-1] - found.t_s[0]) * rate_hz) + 1
     late = max(0, due - found.size)
     words = (
-        f"{path.name}: {found.size} samples, {late} too late, {covered.covered:.0%} of drive "
-        "and rate covered"
+        f"{path.name}: {how_many(found.size, 'sample')}, {late} too late, {covered.covered:.0%} "
+        "of drive and rate covered"
     )
     if covered.missing_rate and identified:
         words += f"; not enough for a rate-dependent model: {'; '.join(covered.missing_rate)}"

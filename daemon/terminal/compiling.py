@@ -12,6 +12,7 @@ from typing import Any, Self
 from numba.core.event import Listener, install_listener
 
 from dehyst.daemon import clock, log_lines
+from dehyst.daemon.printable import how_many
 
 SILENT_S = 1.0
 """Compilations that finish within this time are not reported."""
@@ -98,7 +99,7 @@ class CompilingProgress:
         """Report the total, if anything was reported before."""
         self.look()  # covers compilations that ended within a tick
         if self._said_s:
-            self._say(f"compiled {self._of.count} kernels in {self._of.seconds:.0f} s")
+            self._say(f"compiled {how_many(self._of.count, 'kernel')} in {self._of.seconds:.0f} s")
 
     def _run(self) -> None:
         while self._of.began.wait() and not self._stop.wait(TICK_S):
@@ -123,8 +124,8 @@ class CompilingProgress:
             print(f"{CLEAR}{words}now {self._of.kernel}", end="\r", file=sys.stderr, flush=True)
         elif seconds - self._said_s >= AGAIN_S:
             self._say(
-                f"still compiling after {seconds:.0f} s: {self._of.count} kernels so far, now "
-                f"{self._of.kernel}"
+                f"still compiling after {seconds:.0f} s: "
+                f"{how_many(self._of.count, 'kernel')} so far, now {self._of.kernel}"
             )
             self._said_s = seconds
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from dehyst.daemon.bus.messages import Event, Status
-from dehyst.daemon.printable import printable
+from dehyst.daemon.printable import how_many, printable
 from dehyst.daemon.rings.status import FROZEN, counts, is_starting, place, positioning, rate
 from dehyst.models.model import Model
 
@@ -57,9 +57,12 @@ def find_troubles(status: Status) -> list[str]:
             f"({counts(s.missed_by)}): `dehyst latency` shows what is too slow"
         )
     if gateway.log_dropped:
-        found.append(f"{gateway.log_dropped} lines of the log could not be written")
+        found.append(f"{how_many(gateway.log_dropped, 'line')} of the log could not be written")
     if gateway.samples_lost:
-        found.append(f"{gateway.samples_lost} samples were lost before they were published")
+        found.append(
+            f"{how_many(gateway.samples_lost, 'sample was', 'samples were')} lost before "
+            "publication"
+        )
     return found
 
 
@@ -122,10 +125,11 @@ def overview(
         "deadline": f"{rate(s)}, {s.missed} of {s.samples} missed; wake-up p99 "
         f"{s.wake_us.p99:.0f} us, I/O p99 {s.io_us.p99:.0f} us; {s.policy} {s.priority}",
         "health": describe_health(s),
-        "command": f"{g.lease_label or 'nobody'}; {g.commands} commands, refused: "
+        "command": f"{g.lease_label or 'nobody'}; {how_many(g.commands, 'command')}, refused: "
         f"{counts(g.rejected)}",
-        "bus": f"{g.links} connected, {g.samples_published} samples published, {g.samples_lost} "
-        f"lost; up {_duration(g.uptime_s)}, {g.restarts_of_core} restarts of the loop",
+        "bus": f"{g.links} connected, {how_many(g.samples_published, 'sample')} published, "
+        f"{g.samples_lost} lost; up {_duration(g.uptime_s)}, "
+        f"{how_many(g.restarts_of_core, 'restart')} of the loop",
         "software": f"dehyst {s.software}",
     }
     if is_starting(s):

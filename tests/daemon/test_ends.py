@@ -5,6 +5,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 PROGRAM = """
 import atexit, sys, threading, time
 from dehyst.daemon.interrupts import LightEnd
@@ -61,6 +63,29 @@ def test_what_cannot_be_written_is_said_and_no_success() -> None:
         )
     assert done.returncode == 1
     assert done.stderr == "dehyst: stdout: No space left on device\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        ("--version", 0, ""),
+        ("drivers", 0, ""),
+        (
+            "drivers --json",
+            2,
+            "dehyst drivers: --json: stdout is closed; leave it open, or leave out --json\n",
+        ),
+    ],
+)
+def test_a_closed_stdout_is_no_traceback(words: str, code: int, said: str) -> None:
+    done = subprocess.run(
+        ["sh", "-c", f'exec "$0" -m dehyst.daemon.main {words} >&-', sys.executable],
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (code, said)
 
 
 def test_a_reader_that_has_gone_is_no_error() -> None:

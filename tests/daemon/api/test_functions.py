@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import dehyst
+from dehyst.daemon.api.results import Diagnosed
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.models.diagnosis import diagnose
 from dehyst.models.hysteresis import forward
@@ -175,6 +176,32 @@ def test_what_cannot_be_taken_is_refused_in_one_line(call: Any, says: str) -> No
         call()
     assert says in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_result_replaces_no_recording(
+    run: dict[str, np.ndarray], found: Any, tmp_path: Path
+) -> None:
+    """As at the command line: only another result is replaced, unless the caller asks."""
+    mine = tmp_path / "mine.csv"
+    write_recording(mine, run["t_s"], {k: v for k, v in run.items() if k != "t_s"})
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    (folder / "model.toml").write_text("mine = true")
+    diagnosed = Diagnosed(diagnose([dehyst.load_recording(mine)]), ())
+    before = mine.read_bytes()
+    for save in (
+        lambda: found.save(mine),
+        lambda: found.report(mine),
+        lambda: dehyst.validate(found, run).report(mine),
+        lambda: diagnosed.save(folder),
+        lambda: dehyst.simulate(found, run).save(mine),
+    ):
+        with pytest.raises(dehyst.DehystError, match="exists already"):
+            save()
+    assert mine.read_bytes() == before
+    assert [path.name for path in folder.iterdir()] == ["model.toml"]
+    assert found.save(found.save(tmp_path / "stage.toml")).is_file()  # a model is written again
+    assert dehyst.invert(found.save(mine, force=True), [0, 1e-3], [1, 1]).drive.size == 2
 
 
 def test_the_import_is_light_and_every_public_name_is_there() -> None:

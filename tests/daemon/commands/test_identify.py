@@ -83,7 +83,7 @@ def test_identify_in_words_and_fixed(recording: Path, capsys: pytest.CaptureFixt
         (["identify", "absent.csv", "-o", "m.toml"], "no such file"),
         (["identify", "run.csv", "-o", "no/m.toml"], "folder does not exist"),
         (["identify", "run.csv", "run.csv", "-o", "m.toml"], "the same as run.csv"),
-        (["identify", "semicolons.csv", "-o", "m.toml"], "1 rows of data"),
+        (["identify", "semicolons.csv", "-o", "m.toml"], "1 row of data"),
         (["identify", "headless.csv", "-o", "m.toml"], "--columns t=0,u=1,y=2"),
         (["identify", "run.csv", "-o", "m.toml", "--order", "0"], "order"),
         (["simulate", "absent.toml", "run.csv", "-o", "o.csv"], "shipped models"),

@@ -1,6 +1,7 @@
 """dehyst invert: files in, files out, exit codes; its preview is the one the daemon uses."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.main import main
+from dehyst.daemon.printable import how_many
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import invert_streamed
@@ -61,9 +63,14 @@ def test_targets_out_of_reach_give_exit_1(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (["--min", "5", "--max", "4"], "drive_min"),
+        (["--min", "5", "--max", "4"], "--min 5: must be below --max, 4"),
+        (["--max", "-1"], "--min 0: must be below --max, -1"),
         (["--period", "-1"], "--period"),
-        (["--slew", "0"], "slew"),
+        (["--period", "100"], "--period 100: longer than the trajectory, which takes"),
+        (["--slew", "0"], "--slew 0: must be greater than 0"),
+        (["--slew", "nan"], "--slew nan: must be greater than 0"),
+        (["--preview", "-1"], "--preview -1: must be from 0 to 60 s"),
+        (["--start", "inf"], "--start inf: not a finite drive"),
     ],
 )
 def test_bad_arguments_are_one_line(
@@ -74,6 +81,26 @@ def test_bad_arguments_are_one_line(
     error = capsys.readouterr().err
     assert says in error
     assert len(error.strip().splitlines()) == 1
+
+
+def test_one_of_something_is_in_the_singular(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "t.csv"
+    source.write_text("t_s,target_um\n0,3\n")
+    args = ["invert", "paper-eq12", str(source), "-o", str(tmp_path / "u.csv"), "--period", "0.1"]
+    assert main(args) == 0
+    assert "u.csv: 1 sample, " in capsys.readouterr().out
+    assert [how_many(n, "row") for n in (0, 1, 2)] == ["0 rows", "1 row", "2 rows"]
+    assert how_many(2, "row is", "rows are") == "2 rows are"
+
+
+def test_no_count_is_followed_by_a_plural_that_is_always_there() -> None:
+    """Where a count may be 1, `how_many` says the noun."""
+    always = re.compile(r"\{[\w.]*(?:size|count|rows|samples)\} (?:rows|samples)\b")
+    folder = Path(__file__).parents[3] / "daemon"
+    for path in (*folder.glob("commands/*.py"), *folder.glob("api/*.py")):
+        assert not always.findall(path.read_text()), path
 
 
 def test_uneven_times_are_refused_or_resampled(

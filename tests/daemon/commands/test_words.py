@@ -1,5 +1,6 @@
 """A mistake at the command line ends in one line that says what to write instead."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -9,8 +10,12 @@ from pathlib import Path
 import pytest
 from tests.rigs.gateway_bench import environment, free_port
 
+from dehyst.daemon.commands.run import LISTEN, watching
 from dehyst.daemon.demo.demo import compare_errors
-from dehyst.daemon.main import main
+from dehyst.daemon.main import build_parser, main, open_closed_streams
+
+WRONG = ("Stage", "a.b", "_a", 64 * "a")
+SPIRAL = "scan spiral --radius 1 -o s.csv"
 
 
 @pytest.mark.parametrize(
@@ -23,6 +28,22 @@ from dehyst.daemon.main import main
         ("run --listen foo", "'foo' is not an address; write PROTOCOL/HOST:PORT"),
         ("watch --connect 127.0.0.1:7447", "is not an address; write PROTOCOL/HOST:PORT"),
         ("watch --connect tcp/127.0.0.1:99999", "is not an address"),
+        *((f"watch --for {s}", "--for: ") for s in ("nan", "inf", "-1", "0")),
+        *((f"watch --window {s}", "--window: ") for s in ("nan", "inf", "-5", "0", "1e12")),
+        *((f"record -o r.csv --for {s}", "--for: ") for s in ("nan", "inf", "-1", "0")),
+        *((f"accept --wait {s}", "--wait: ") for s in ("nan", "inf", "-1")),
+        *((f"zero --seconds {s}", "--seconds: ") for s in ("nan", "inf", "-1", "x")),
+        *((f"zero --share {s}", "--share: ") for s in ("nan", "0", "x")),
+        *(
+            (f"scan spiral --radius 1 -o s.csv --center {s} 0", "--center: ")
+            for s in ("nan", "inf")
+        ),
+        *((f"{SPIRAL} --slew {s}", "--slew: ") for s in ("nan", "0")),
+        ("demo --seed -1", "--seed: '-1' is not a whole number of at least 0"),
+        ("latency --cpu 1000000000", "--cpu 1e+09 is outside"),
+        *((f"run --name {name}", f"--name {name!r}: use a-z, 0-9, _ and -") for name in WRONG),
+        *((f"config init --range 0 1 --name {n}", f"--name {n!r}: use a-z") for n in WRONG),
+        *((f"setup new --yes --range 0 1 --name {n}", f"--name {n!r}: use a-z") for n in WRONG),
     ],
 )
 def test_one_line(line: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -34,6 +55,32 @@ def test_one_line(line: str, words: str, capsys: pytest.CaptureFixture[str]) -> 
     assert code == 2
     assert words in said
     assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("text", ["-1e1", "-1.5E-3", "-.5e2", "-2"])
+def test_a_negative_number_with_an_exponent_is_a_number(text: str) -> None:
+    assert build_parser("send").parse_args(["send", text]).target == [("", float(text))]
+    scan = ["scan", "raster", "-o", "s.csv", "--center", text, text]
+    assert build_parser("scan").parse_args(scan).center == [float(text)] * 2
+
+
+def test_a_closed_stdout_is_one_line_where_it_is_needed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["drivers", "--json"], no_stdout=True) == 2
+    assert capsys.readouterr().err.startswith("dehyst drivers: --json: stdout is closed; ")
+    assert main(["completion", "bash"], no_stdout=True) == 0
+    assert not open_closed_streams()
+    monkeypatch.setattr(sys, "stdout", None)
+    assert open_closed_streams()
+    with sys.stdout as stdout:
+        print("lost", flush=True)
+        assert stdout.name == os.devnull
+
+
+def test_the_hint_of_run_goes_to_the_daemon_that_it_starts() -> None:
+    assert watching(LISTEN) == "dehyst watch"
+    assert watching("tcp/127.0.0.1:17931") == "dehyst watch --connect tcp/127.0.0.1:17931"
 
 
 def test_the_demo_judges_itself() -> None:

@@ -34,7 +34,7 @@ DAMAGED = {
         "line 6: the time does not increase",
     ),
     "timegap.csv": (b"t_s,u_v,y_um\n0,1,2\n,1,2\n", "line 3: the time is missing"),
-    "short.csv": (b"t_s,u_v,y_um\n0,1,2\n", "1 rows of data"),
+    "short.csv": (b"t_s,u_v,y_um\n0,1,2\n", "1 row of data"),
     "unit.csv": (b"t_s,u_hz,y_um\n0,1,2\n1,2,3\n", "no heading names the drive"),
     "unity.csv": (b"t_s,u_v,y_hz\n0,1,2\n1,2,3\n", "y_hz is not a displacement"),
     "huge.csv": (b"t_s,u_v,y_um\n0,1,1e300\n1,2,3\n", "line 2: y_um is 1e+300"),

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.rigs.gate import Gate, S, grid
 
-from dehyst.daemon.rings.records import LoopCommand, State
+from dehyst.daemon.rings.records import LARGEST_TARGET, LATEST_OFFSET_NS, LoopCommand, State
 
 
 @pytest.fixture
@@ -48,6 +48,17 @@ def test_bad_setpoints_are_refused_with_the_reason(gate: Gate, change: dict, cod
 def test_unreachable_may_be_allowed_but_nan_never(gate: Gate) -> None:
     assert gate.setpoint(0, 50.0, allow_unreachable=True).ok
     assert gate.setpoint(1, float("nan"), allow_unreachable=True).code == "not-finite"
+
+
+@pytest.mark.parametrize("share", [-0.999, -1.001, 0.999, 1.001])
+def test_what_the_loop_would_drop_is_refused(gate: Gate, share: float) -> None:
+    """No command is acknowledged and then dropped: gateway and loop have the same limits."""
+    dropped = abs(share) > 1.0
+    reply = gate.setpoint(0, share * LARGEST_TARGET, allow_unreachable=True)
+    assert (reply.ok, reply.code) == ((False, "unreachable") if dropped else (True, "ok"))
+    late_s = abs(share) * LATEST_OFFSET_NS * 1e-9
+    reply = gate.chunk(0, np.array([late_s - 0.1, late_s]))
+    assert (reply.ok, reply.code) == ((False, "order") if dropped else (True, "ok"))
 
 
 @given(st.lists(st.integers(0, 30), max_size=30))
