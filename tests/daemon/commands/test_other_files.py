@@ -166,9 +166,9 @@ def test_a_converted_file_that_no_command_can_use_is_noted(
 ) -> None:
     rows = [f"{t:.4f},{u:.4f},{0.1 * u:.5f}" for t, u in zip(T, U, strict=True)]
     Path("export.csv").write_text("\n".join([head, *rows, ""]))
-    noted = [line for line in said(capsys, "convert", "export.csv", "out.csv").splitlines()
-             if line.startswith("note: out.csv has")]  # fmt: skip
+    shown = said(capsys, "convert", "export.csv", "out.csv")
+    noted = [line for line in shown.splitlines() if line.startswith("note: out.csv has")]
     assert len(noted) == bool(missing)
     for line in noted:
         assert f"has {missing}, which identify" in line
-        assert "add --columns " in line
+        assert "if that is right" in shown.partition("add --columns ")[2]  # and the names
