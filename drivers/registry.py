@@ -43,12 +43,8 @@ class Plugin:
 def list_plugins() -> list[Plugin]:
     """Return every driver of both kinds, by kind and name, including the broken ones with their
     error. Loads all of them."""
-    return [
-        _describe(group, point, points)
-        for group in KINDS
-        for points in [_points(group)]
-        for point in points
-    ]
+    of_kind = {group: _points(group) for group in KINDS}  # reads what is installed each time
+    return [_describe(group, one, points) for group, points in of_kind.items() for one in points]
 
 
 def find_plugins(name: str) -> list[Plugin]:

@@ -128,12 +128,12 @@ def choose_base(
         episode = find_stage_change(fed.problem, fed.null, fed.sigma)
     if episode is not None:
         without = replace(finer, y=finer.y - episode.removed)
-        fed = fed.with_problem(replace(fed.problem, data=without))
+        problem = replace(fed.problem, data=without)
         if episode.of_stage and not diagnosed.given:  # it was identified across the change
             plain = fit_plain_model(without, diagnosed.model.hysteresis.r)
             bare = replace(bare, diagnosed=replace(bare.diagnosed, model=plain))
-            own = replace(fed.problem.diagnosed, model=plain)
-            fed = fed.with_problem(replace(fed.problem, diagnosed=own))
+            problem = replace(problem, diagnosed=replace(problem.diagnosed, model=plain))
+        fed = fed.with_problem(problem)
     return SearchProblem(prepared.whole, bare, fed, episode, foreign)
 
 

@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dehyst.daemon.files.foreign.choose import describe_column, path_of
+from dehyst.daemon.files.foreign.choice.advice import describe_column
+from dehyst.daemon.files.foreign.choice.choose import path_of
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import role_of_column, unit_of_column

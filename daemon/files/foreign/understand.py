@@ -12,12 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dehyst.daemon.files.foreign.blank import refuse_blank
-from dehyst.daemon.files.foreign.choose import (
-    choose_columns,
-    describe_column,
-    groups_of,
-    path_of,
-)
+from dehyst.daemon.files.foreign.choice.advice import describe_column
+from dehyst.daemon.files.foreign.choice.choose import choose_columns, groups_of, path_of
 from dehyst.daemon.files.foreign.counted import count_time
 from dehyst.daemon.files.foreign.epochs import continued, is_packed_clock, join_clocks
 from dehyst.daemon.files.foreign.found import Column, Draft, Sheet
@@ -179,10 +175,8 @@ def _take_time(
     reading: ReadOptions,
     draft: Draft,
 ) -> None:
-    label, unit = (
-        describe_column(column),
-        find_unit_key(reading.time_unit) or unit_of_column(column),
-    )
+    label = describe_column(column)
+    unit = find_unit_key(reading.time_unit) or unit_of_column(column)
     values = np.asarray(column.values, dtype=np.float64)
     if column.clock and reading.time_unit and find_unit_key(reading.time_unit) != "s":
         draft.asked.append(

@@ -61,6 +61,8 @@ CHANGES = room(
 
 OTHERS = "tests/daemon/files/test_other_programs.py"
 TIMES, FOREIGN = "daemon/files/times.py", "daemon/files/foreign"
+CHOOSE, ADVISED = f"{FOREIGN}/choice/choose.py", f"{FOREIGN}/choice/advice.py"
+TABLE_ROLES = f"{FOREIGN}/choice/table_roles.py"
 UNFINISHED = "daemon/files/unfinished.py"
 CHANGES += room(
     ("tests/daemon/files/test_recorder.py",),
@@ -111,8 +113,8 @@ CHANGES += room(
         "millivolts and micrometres in a heading are not recognised",
     ),
     Change(
-        "first-of-two-drives", f"{FOREIGN}/choose.py",
-        "if len(found) > 1 and _all_the_same(columns, found):", "if len(found) > 1:",
+        "first-of-two-drives", CHOOSE,
+        "if len(found) > 1 and all_the_same(columns, found):", "if len(found) > 1:",
         "one of two possible drive columns is guessed",
     ),
     Change(
@@ -179,11 +181,11 @@ ROLES = "tests/daemon/files/test_foreign_roles.py"
 CHANGES += room(
     (ROLES,),
     Change(
-        "y-before-x-and-z", f"{FOREIGN}/choose.py", 'if "y" not in axes.values() or', "if True or",
+        "y-before-x-and-z", TABLE_ROLES, 'if "y" not in axes.values() or', "if True or",
         "of the axes x, y, z a file is read with y, whichever was driven",
     ),
     Change(
-        "word-without-a-unit-wins", f"{FOREIGN}/choose.py",
+        "word-without-a-unit-wins", TABLE_ROLES,
         "if any(roles[i][0] == role and kinds[i] for i in free):", "if False:",
         "a column 'Input' of zeros is the drive, taken as volts, although another is in volts",
     ),
@@ -193,22 +195,22 @@ CHANGES += room(
         "the sensor's voltage at the analog input is read as the drive",
     ),
     Change(
-        "advice-of-another-axis", f"{FOREIGN}/choose.py",
+        "advice-of-another-axis", ADVISED,
         'other = others.get("y" if role == "u" else "u")', "other = None",
         "the drive of one axis is advised with the displacement of another",
     ),
     Change(
-        "structures-are-one-run", f"{FOREIGN}/choose.py",
+        "structures-are-one-run", CHOOSE,
         "return [*path[:-1], *fields[:-1]]", "return path[:-1]",
         "it is not said that a MATLAB file holds several runs",
     ),
     Change(
-        "one-channel-for-both", f"{FOREIGN}/choose.py",
-        'if run and not (both and len(run["u"]) < 2):', "if run:",
+        "one-channel-for-both", CHOOSE,
+        ' or (both and len(run["u"]) < 2):', ":",
         "one channel is advised as drive and as displacement, which is then refused",
     ),
     Change(
-        "numbers-without-texts", f"{FOREIGN}/choose.py", "column.number == wanted", "i == wanted",
+        "numbers-without-texts", CHOOSE, "column.number == wanted", "i == wanted",
         "after a column of text each number names the next column",
     ),
     Change(
@@ -322,12 +324,12 @@ CHANGES += room(
         "a channel that --columns names is missing from the recording",
     ),
     Change(
-        "drive-renamed-away", f"{FOREIGN}/choose.py",
+        "drive-renamed-away", CHOOSE,
         "if channel not in NAMES and role and sure >= BY_WORD and free:", "if False:",
         "--columns makes a further channel of the only drive, without a word",
     ),
     Change(
-        "two-columns-named", f"{FOREIGN}/choose.py",
+        "two-columns-named", CHOOSE,
         "if free and not any(columns[i].heading", "if not any(columns[i].heading",
         "a file with its own period and two columns is refused once both are named",
     ),
@@ -352,12 +354,12 @@ CHANGES += room(
         "if False:", "a displacement in nm is written down in um with the same numbers",
     ),
     Change(
-        "measured-voltage-moves", f"{FOREIGN}/choose.py",
+        "measured-voltage-moves", TABLE_ROLES,
         'roles[i] == ("y", BY_WORD) and may_be_drive(', "False and may_be_drive(",
         "the measured voltage is read as the displacement, although a column in um is there",
     ),
     Change(
-        "advice-mixes-runs", f"{FOREIGN}/choose.py",
+        "advice-mixes-runs", CHOOSE,
         "if all(0 < len(inside[role]) < len(of) for role, of in several.items()):", "if False:",
         "the drive of one run is advised with the displacement of another",
     ),
@@ -584,7 +586,7 @@ CHANGES += room(
 
 BESIDE = "tests/daemon/files/test_stated_beside.py"
 ADVICE, WORDS = (f"tests/daemon/files/test_foreign_{name}.py" for name in ("advice", "words"))
-CHOOSE, LIBRARIES = f"{FOREIGN}/choose.py", f"{FOREIGN}/containers/libraries.py"
+LIBRARIES = f"{FOREIGN}/containers/libraries.py"
 ATTRIBUTES = f"{FOREIGN}/containers/attributes.py"
 UNDERSTAND, FIELDS = f"{FOREIGN}/understand.py", f"{FOREIGN}/fields.py"
 CHANGES += room(
@@ -653,12 +655,12 @@ CHANGES += room(
         "return not role[0] and rises_evenly(", "a time with the name x is advised as the drive",
     ),
     Change(
-        "row-numbers-advised-as-times", CHOOSE,
+        "row-numbers-advised-as-times", ADVISED,
         "rising = [i for i in steady if not counts_up(columns[i].values)]", "rising = list(steady)",
         "row numbers are advised as the times",
     ),
     Change(
-        "drive-advised-as-times", CHOOSE, "times = rising[:1] if", "times = list(free[:1]) if",
+        "drive-advised-as-times", ADVISED, "times = rising[:1] if", "times = list(free[:1]) if",
         "the first column is advised as the times, whatever it holds",
     ),
     Change(
@@ -667,7 +669,7 @@ CHANGES += room(
         "one column is advised as drive and as displacement, which is then refused",
     ),
     Change(
-        "drive-in-percent-unnamed", CHOOSE, "roles[i][0]] or may or named",
+        "drive-in-percent-unnamed", ADVISED, "roles[i][0]] or may or named",
         "roles[i][0]] or may", "the only drive of a file is not named in the advice",
     ),
     Change(
@@ -879,7 +881,7 @@ CHANGES += room(
         "it is advised to name a column that is of another rate",
     ),
     Change(
-        "one-channel-asked-for-twice", CHOOSE, "if len(left) >= len(roles):", "if True:",
+        "one-channel-asked-for-twice", ADVISED, "if len(left) >= len(roles):", "if True:",
         "it is advised to name a displacement in a file that holds none",
     ),
     Change(
@@ -887,8 +889,8 @@ CHANGES += room(
         "drive and displacement of different times are paired row by row",
     ),
     Change(
-        "constant-advised-as-drive", CHOOSE,
-        "may = [i for i in may if _moves(columns[i]) and not counts_up(columns[i].values)] or may",
+        "constant-advised-as-drive", ADVISED,
+        "may = [i for i in may if moves(columns[i]) and not counts_up(columns[i].values)] or may",
         "pass", "a column of row numbers is advised as the drive",
     ),
     Change(
@@ -945,12 +947,12 @@ CHANGES += room(
         "millivolts or counts under no unit are read as up to 90000 V",
     ),
     Change(
-        "velocity-drives", CHOOSE,
+        "velocity-drives", TABLE_ROLES,
         "    roles |= dict.fromkeys(_velocities(columns, free), (\"\", 0))\n", "",
         "the velocity of 't, x, v' is read as volts",
     ),
     Change(
-        "falling-time", CHOOSE,
+        "falling-time", TABLE_ROLES,
         'roles |= dict.fromkeys(falling, ("", 0))', "pass",
         "the displacement s cannot be named, as it is taken for seconds",
     ),

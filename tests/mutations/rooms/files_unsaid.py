@@ -3,6 +3,7 @@
 from tests.mutations.change import Change, room
 
 FOREIGN = "daemon/files/foreign"
+CHOOSE, ADVICE = f"{FOREIGN}/choice/choose.py", f"{FOREIGN}/choice/advice.py"
 UNITS, TEXT = f"{FOREIGN}/units.py", f"{FOREIGN}/text.py"
 
 CHANGES = room(
@@ -42,7 +43,7 @@ CHANGES = room(
         "the input of an amplifier is read as the voltage of the stage",
     ),
     Change(
-        "heading-that-a-shell-changes", f"{FOREIGN}/choose.py",
+        "heading-that-a-shell-changes", ADVICE,
         'not re.search(r"[\\"$`\\\\!,]", heading)', "'\"' not in heading",
         "the option that a message advises is refused, or names another column",
     ),
@@ -52,7 +53,7 @@ CHANGES = room(
         "the expected position is advised as the measured one",
     ),
     Change(
-        "still-drive-advised", f"{FOREIGN}/choose.py",
+        "still-drive-advised", CHOOSE,
         "found = moving if len(moving) > both else found", "pass",
         "a bias that stands still is advised as the drive",
     ),
@@ -98,13 +99,13 @@ CHANGES = room(
         ("tests/daemon/files/test_left_out_parts.py",),
     ),
     Change(
-        "half-of-a-matrix-advised", f"{FOREIGN}/choose.py",
+        "half-of-a-matrix-advised", CHOOSE,
         '{"t": advised["t"]} | offered', '{"t": advised["t"]}',
         "of a matrix the time alone is asked for, and drive and displacement are not found",
         ("tests/daemon/files/test_foreign_advice.py",),
     ),
     Change(
-        "names-not-offered", f"{FOREIGN}/choose.py",
+        "names-not-offered", CHOOSE,
         "    elif offered:\n", "    elif False:\n",
         "convert does not say how to name drive and displacement",
         ("tests/daemon/files/test_foreign_advice.py",),
