@@ -157,14 +157,14 @@ def measure(setup: Setup) -> LatencyOutcome:
     name: dict[str, Any] = {"stage": "latency"}
     actuator, sensor = SimulatedActuator.from_settings(name), SimulatedSensor.from_settings(name)
     compiled = setup.engine == "compiled"
-    with ended_at_once("dehyst"):  # an interrupt while a kernel loads would be lost
+    with ended_at_once("dehyst"):  # an interrupt while a kernel loads or is called would be lost
         actuator.open()
         sensor.open()
         links = DeviceLink("actuator", actuator), DeviceLink("sensor", sensor)
         warm_up([_monitor(setup, links, _rings(16))], compiled)
-    rings = _rings(32768)
-    monitor = _monitor(setup, links, rings)
-    rings["command"].push_many(_sine(setup))
+        rings = _rings(32768)
+        monitor = _monitor(setup, links, rings)
+        rings["command"].push_many(_sine(setup))
     cpus = (setup.cpu,) if setup.cpu >= 0 else tuple(sorted(os.sched_getaffinity(0)))[:8]
     witness = Witness(
         monitor.stepper.settings.period_ns, cpus, setup.priority, clock.monotonic_ns()
@@ -174,20 +174,29 @@ def measure(setup: Setup) -> LatencyOutcome:
     def enter() -> realtime.Obtained:
         return realtime.enter_realtime(setup.priority, setup.cpu, setup.rate_hz)
 
+    failures: list[BaseException] = []
+
     def loop() -> None:
-        monitor.obtained = enter()
-        PythonLoop(monitor).run(samples)
+        try:
+            if compiled:
+                CompiledLoop(monitor, enter).run(samples)
+            else:
+                monitor.obtained = enter()
+                PythonLoop(monitor).run(samples)
+        except BaseException as failure:  # raised by the caller
+            failures.append(failure)
 
     samples = max(1, round(setup.seconds * setup.rate_hz))
+    # In a separate thread the caller keeps its priority and calls no kernel, where an interrupt
+    # would be lost; a daemon thread does not delay the end of an interrupted process.
+    thread = threading.Thread(target=loop, name="measured", daemon=True)
     try:
-        if compiled:
-            CompiledLoop(monitor, enter).run(samples)
-        else:  # in a separate thread, so that the caller keeps its priority
-            thread = threading.Thread(target=loop, name="loop")
-            thread.start()
-            thread.join()
+        thread.start()
+        thread.join()
     finally:
         witness.close()
+    if failures:
+        raise failures[0]
     causes = {MissCause(i).name.lower(): int(n) for i, n in enumerate(monitor.missed_by) if n}
     return LatencyOutcome(
         setup,

@@ -41,6 +41,7 @@ SPIRAL = "scan spiral --radius 1 -o s.csv"
         *((f"{SPIRAL} --slew {s}", "--slew: ") for s in ("nan", "0")),
         ("demo --seed -1", "--seed: '-1' is not a whole number of at least 0"),
         ("latency --cpu 1000000000", "--cpu 1e+09 is outside"),
+        ("latency --cpu 900", "CPU 900 (--cpu, loop.cpu): this process can use only CPUs"),
         *((f"run --name {name}", f"--name {name!r}: use a-z, 0-9, _ and -") for name in WRONG),
         *((f"config init --range 0 1 --name {n}", f"--name {n!r}: use a-z") for n in WRONG),
         *((f"setup new --yes --range 0 1 --name {n}", f"--name {n!r}: use a-z") for n in WRONG),
