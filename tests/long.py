@@ -148,6 +148,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         "daemon/service/test_lost_folder.py": ("",),
         "daemon/service/test_supervisor.py": (
+            "test_both_killed_at_once_while_high",
             "test_sighup_while_the_core",
             "test_a_core_that_had_to_be_killed",
             "test_a_gateway_without_its_port",
@@ -224,6 +225,8 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_a_planted_entry_is_not_loaded[folder]",
         ),
         "daemon/files/test_bounds.py": (
+            "test_bombs[a packed text of zeros]",
+            "test_bombs[a key of 100 000 parts]",
             "test_bombs[a pipe as a recording]",
             "test_bombs[100 000 blocks]",
             "test_bombs[a pipe as a model]",
@@ -281,6 +284,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
         "packaging/test_debian.py": ("",),
         "packaging/test_site.py": ("",),
         "daemon/page/test_pictures.py": (
+            "test_the_most_used_comes_first_and_nothing_is_cut_or_half_empty[3-1280]",
             "test_arrows_move_the_axes_of_the_plane[3]",
             "test_a_picture_can_be_taken[3-1280]",
             "test_the_most_used_comes_first_and_nothing_is_cut_or_half_empty[1-1280]",
@@ -302,6 +306,8 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_without_a_daemon_it_ends_in_one_line[arguments1",
         ),
         "daemon/files/test_recorder.py": (
+            "test_a_kill_costs_no_more_than_what_was_held[100-mcap]",
+            "test_what_is_said_of_a_full_disk_is_true[csv.gz]",
             "test_a_kill_costs_no_more_than_what_was_held[10000-mcap]",
             "test_what_is_said_of_a_full_disk_is_true[mcap]",
             "test_the_disk_holds_no_more_than_it_may[csv.gz]",
@@ -340,9 +346,21 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
         "daemon/epics/test_epics.py": ("test_beacons",),
         "daemon/gcs/test_pipython.py": ("test_killed_in_motion",),
         "daemon/commands/test_probe.py": ("test_a_kpc101_and_its_gauge",),
+        "daemon/page/test_behind_a_proxy.py": (
+            "test_all_that_the_page_needs_is_below_its_path[nginx]",
+        ),
+        "daemon/test_kernel_cache.py": ("test_a_planted_entry_is_not_loaded[mode]",),
+        "daemon/files/test_foreign_roles.py": (
+            "test_the_advice_for_structures_of_matlab_names_one[1]",
+        ),
+        "daemon/files/test_named_beside.py": (
+            "test_units_by_the_names_of_the_columns[units",
+            "test_units_by_the_names_of_the_columns[{}_unit]",
+        ),
     },
     "a load of thousands, or a wait of ten seconds and more": {
         "daemon/page/test_strangers.py": (
+            "test_guesses_are_slow_whichever_way_and_nobody_else_waits[by_form]",
             "test_2000_questions",
             "test_who_answers_no_ping",
             "test_silent_connections_before_tls",
@@ -369,6 +387,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_arrows_step_and_space",
             "test_a_killed_gateway_and_a_killed_page",
         ),
+        "daemon/rings/test_ring.py": ("test_no_torn_record_reaches_a_slow",),
     },
     "a diagnosis of a further effect, stage or seed": {
         "models/identify/test_own_starts.py": (
@@ -405,6 +424,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_an_open_input",
         ),
         "models/diagnosis/test_hard_recordings.py": (
+            "test_a_line_on_a_harmonic",
             "test_a_delay_at_few_moments",
             "test_a_slew_limit_that_few",
             "test_with_little_noise_what_the_base_leaves_is_no_physics[in the class]",
@@ -413,6 +433,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_a_limit_holds_when_the_effect_is_put_in",
         ),
         "models/diagnosis/test_names.py": (
+            "test_interval_holds_the_truth",
             "test_hidden_effect_is_named_first_and_the_model_predicts[delay]",
             "test_result_is_json_by_contract",
             "test_hidden_effect_is_named_first_and_the_model_predicts[hum]",
@@ -479,6 +500,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_every_hidden_effect_is",
         ),
         "models/mismatch/test_monitor.py": (
+            "test_what_adds_twice_the_noise_is_flagged_in_time[creep]",
             "test_what_adds_twice_the_noise_is_flagged_in_time[gain]",
         ),
         "models/inverse/test_compensator.py": (
@@ -491,6 +513,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_a_lag_is_found[sensor",
         ),
         "models/identify/test_lag_kinds.py": (
+            "test_how_the_input_of_a_lag_moves_between_samples_is_found[staircase-drive-in lines]",
             "test_how_the_input_of_a_lag_moves_between_samples_is_found[staircase-drive-held",
             "test_how_the_input_of_a_lag_moves_between_samples_is_found[staircase-sensor",
             "test_one_drive_shows_what_it_is_and_predicts_another[lag-raster]",
@@ -502,11 +525,15 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_weights_that_depend_on_the_rate_are_not_taken_for_a_lag_about_a_bias[9904]",
         ),
         "daemon/doctor/test_ends.py": (
+            "test_a_diagnosis_of_a_stage_at_rest",
+            "test_findings_are_kept_where",
             "test_a_stage_at_rest_is_examined_and_all_pictures_of_its_report_are_drawn[3.0]",
             "test_a_stage_at_rest_is_examined_and_all_pictures_of_its_report_are_drawn[0.3]",
         ),
         "models/diagnosis/test_times.py": ("test_creep_of_an_earlier",),
         "models/diagnosis/test_stage_changes.py": (
+            "test_a_ramp_is_no_sudden_change",
+            "test_what_a_base_fits_of_the_noise",
             "test_the_written_model_is_judged_by_the_readings_as_they_are[4]",
             "test_a_change_is_not_told_where_its_gain",
             "test_a_stage_that_follows_a_temperature",
@@ -529,12 +556,16 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_95_of_100_intervals_hold_the_true_value[rich_base",
         ),
         "models/learning/test_trim.py": ("test_a_gauge_that_stays_wrong",),
-        "models/identify/test_what_is_shown.py": ("test_a_stop_is_remarked[up]",),
+        "models/identify/test_what_is_shown.py": (
+            "test_a_stop_is_remarked[up]",
+            "test_creep_in_slow_loops_of_one_rate_is_no_lag[0.04]",
+        ),
         "daemon/commands/test_other_files.py": (
             "test_each_command_says_once_how_a_file_was_understood[diagnose german",
         ),
         "models/identify/test_timing.py": ("test_readings_that_are_stale_by_chance",),
         "benchmarks/models/test_whose_lag.py": ("test_a_curve_that_does_not_settle",),
+        "daemon/doctor/test_story.py": ("test_a_stage_in_order_raises",),
     },
 }
 """Files below tests/ by the reason, and how the names of their tests begin."""
