@@ -65,12 +65,6 @@ def find_episodes(data: Data, residual: Floats, sigma: float) -> Episode | None:
     return Episode(_report(data, lines), removed)
 
 
-def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
-    """Return the strongest line that is present in part of one recording."""
-    line = _find_line(data, residual, sigma)
-    return None if line is None else Episode(_report(data, [line]), line.removed)
-
-
 @dataclass(frozen=True)
 class _Line:
     """A line in some stretches of a recording. here, removed: (N,) where it is, and its waveform;

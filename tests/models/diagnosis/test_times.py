@@ -15,7 +15,6 @@ from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.findings.episodes import (
     describe_residual_change,
     find_episodes,
-    find_line,
 )
 from dehyst.models.recording import Recording
 from dehyst.models.signals.lines import find_lines
@@ -104,11 +103,11 @@ def test_a_line_is_found_in_its_stretches_only() -> None:
     data = prepare(recordings(plain))
     rng = np.random.default_rng(2)
     noise = NOISE_UM * rng.standard_normal(data.n)
-    assert find_line(data, noise, NOISE_UM) is None
+    assert find_episodes(data, noise, NOISE_UM) is None
     always = noise + 0.03 * np.sin(2 * np.pi * 57.3 * data.t)
-    assert find_line(data, always, NOISE_UM) is None
+    assert find_episodes(data, always, NOISE_UM) is None
     some = noise + 0.03 * np.sin(2 * np.pi * 57.3 * data.t) * (data.t < 2.0) * (data.rec == 1)
-    episode = find_line(data, some, NOISE_UM)
+    episode = find_episodes(data, some, NOISE_UM)
     assert episode is not None
     assert episode.finding.where["to_s"] == pytest.approx(2.0, abs=0.4)
     assert np.std(some - episode.removed) < 1.05 * NOISE_UM
@@ -123,8 +122,8 @@ def test_a_harmonic_of_a_drive_that_swells_is_no_line_of_a_part_of_the_time() ->
     data = prepare([Recording(t, u, u + noise)])
     loud = swells > 0.5
     third = 0.05 * loud * np.sin(2 * np.pi * 65.1 * t)
-    assert find_line(data, noise + third, NOISE_UM) is None
-    beside = find_line(data, noise + 0.05 * loud * np.sin(2 * np.pi * 57.3 * t), NOISE_UM)
+    assert find_episodes(data, noise + third, NOISE_UM) is None
+    beside = find_episodes(data, noise + 0.05 * loud * np.sin(2 * np.pi * 57.3 * t), NOISE_UM)
     assert beside is not None
     assert beside.finding.parameters["frequency_hz"].value == pytest.approx(57.3, abs=0.3)
 
