@@ -99,6 +99,20 @@ def units_at(path: str, axis: str, expected: tuple[tuple[str, str], ...]) -> lis
     return [found for found in (unit, unit and gauge_beside(unit)) if found]
 
 
+def _open_patiently(device: Actuator | Sensor) -> None:
+    """Open a unit that is known to be there, again if it was too late for an answer. Raises
+    DriverError."""
+    for attempts_left in reversed(range(ATTEMPTS)):
+        try:
+            device.open()
+        except DeviceTimeout:
+            device.close()
+            if not attempts_left:
+                raise
+        else:
+            return
+
+
 def gauge_beside(unit: FoundUnit) -> FoundUnit | None:
     """Return an amplifier's own gauge; None if it has none, or none is connected. Raises
     DriverError."""
@@ -106,7 +120,7 @@ def gauge_beside(unit: FoundUnit) -> FoundUnit | None:
         return None
     device = load_sensor(unit.driver).from_settings(unit.settings)
     try:
-        device.open()
+        _open_patiently(device)
     except DriverConfigError:
         return None
     finally:
@@ -121,7 +135,7 @@ def measure_rate(unit: FoundUnit, axes: Sequence[str], gauges: Sequence[FoundUni
     outputs = [driver.from_settings(unit.settings | {"axis": axis}) for axis in axes]
     try:
         for output in outputs:
-            output.open()
+            _open_patiently(output)
         pairs = zip(outputs, gauges, strict=True)
         specs = [(output.spec, gauge.spec) for output, gauge in pairs]
         return highest_rate(specs, joined(outputs))

@@ -19,6 +19,13 @@ CHANGES = [
             "ATTEMPTS = 1",
             "a unit that is late for its first answer is said not to be there",
         ),
+        Change(
+            "a-late-gauge-ends-it",
+            "daemon/setup/units.py",
+            "        _open_patiently(device)",
+            "        device.open()",
+            "a set-up ends because the gauge of a controller was late once",
+        ),
     ),
     *room(
         TESTS,
