@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 from dehyst.daemon import log_lines
@@ -88,6 +88,7 @@ class LightEnd:
         except BrokenPipeError:  # the reader is gone
             pass
         except OSError as error:
-            os.write(2, f"dehyst: stdout: {error.strerror}\n".encode())
+            with suppress(OSError):
+                os.write(2, f"dehyst: stdout: {error.strerror}\n".encode())
             self.code = self.code or 1
         os._exit(self.code)

@@ -4,13 +4,10 @@ import argparse
 import importlib
 import io
 import os
-import re
 import signal
 import sys
 import warnings
-from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -22,7 +19,9 @@ from dehyst import __version__
 from dehyst.daemon import kernel_cache, log_lines
 from dehyst.daemon.interrupts import INTERRUPTED, LightEnd, ended_at_once
 from dehyst.daemon.loop.timing import realtime
-from dehyst.daemon.printable import printable
+from dehyst.daemon.option_words import at_command_line
+from dehyst.daemon.printable import one_line
+from dehyst.daemon.terminal.parser import Parser
 from dehyst.drivers import system
 from dehyst.models.errors import BadInput, DehystError, NotNow
 
@@ -110,46 +109,6 @@ def _check_system(command: str | None, arguments: list[str]) -> None:
         )
 
 
-LONGEST_LINE = 900
-
-
-class Parser(argparse.ArgumentParser):
-    """An argument parser that reports errors in one line. commands: the commands' parsers."""
-
-    commands: dict[str, "Parser"]
-
-    def __init__(self, *args: Any, **more: Any) -> None:
-        super().__init__(*args, **more)
-        # argparse (until Python 3.14) takes a negative number with an exponent for an option
-        self._negative_number_matcher = re.compile(r"-\.?\d")
-
-    def error(self, message: str) -> NoReturn:
-        """Print what is wrong and how to get help; exit with 2."""
-        self.exit(2, f"{self.prog}: {message}; see `{self.prog} --help`\n")
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Report a command's unknown and empty arguments as the command's own error: argparse would
-        report the former from the top-level parser and name its help, and accept the latter."""
-        found, unknown = super().parse_known_args(args, namespace)
-        if unknown:
-            self.error(f"unrecognized arguments: {' '.join(unknown)}")
-        if empty := _find_empty(args):
-            self.error(f"an argument is empty: {empty}; give a name or a value there")
-        return found, unknown
-
-
-def _find_empty(arguments: Sequence[str]) -> str:
-    """Return which argument is empty, as an unset variable of a script makes it; "": none. As a
-    path, it would be the working directory."""
-    for before, word in pairwise(["", *arguments]):
-        option, equals, value = word.partition("=")
-        if option.startswith("--") and equals and not value:
-            return word
-        if not word:
-            return f"'' after {before}" if before else "the first one"
-    return ""
-
-
 def build_parser(*commands: str | None) -> Parser:
     """Return the parser; only the arguments of these commands are added, if this system can run
     them."""
@@ -195,9 +154,14 @@ def _in_hertz(command: str | None, arguments: list[str]) -> list[str]:
     return out
 
 
+ALIASES = {"identify": (("--rate", "--rate-hz"),)}
+"""Options of a command that mean the same, and are not two names of one for argparse."""
+
+
 def _is_number(text: str) -> bool:
     with suppress(ValueError):
-        return float(text) > 0.0 and not Path(text).exists()
+        float(text)
+        return not Path(text).exists()
     return False
 
 
@@ -213,12 +177,6 @@ def _reporting_compilation(command: str | None, said_by: str) -> AbstractContext
     return compiling_reported(said_by, in_pipes=process, ends=not process)
 
 
-def _one_line(error: Exception | str) -> str:
-    """Return an error as one line for the screen: escaped, and shortened in the middle if long."""
-    text = printable(" ".join(str(error).split()))
-    return text if len(text) <= LONGEST_LINE else f"{text[:300]} ... {text[-300:]}"
-
-
 def open_closed_streams() -> bool:
     """Open a standard stream that the caller has closed (`>&-`) as the null device, so that no file
     takes its number; return whether stdout was closed."""
@@ -229,12 +187,48 @@ def open_closed_streams() -> bool:
     return no_stdout
 
 
+STDOUT = "stdout"
+
+
+class _NamedStdout(io.FileIO):
+    """Descriptor 1, which names itself in the error where it cannot be written, as files do."""
+
+    def write(self, data: Any, /) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            error.filename = STDOUT
+            raise
+
+
+def name_stdout() -> None:
+    """Let an error of stdout, such as a full disk, name it; without this it cannot be told from
+    one of a file that the command writes."""
+    before = sys.stdout
+    if isinstance(before, io.TextIOWrapper) and before.fileno() == 1:
+        before.flush()
+        sys.stdout = io.TextIOWrapper(
+            io.BufferedWriter(_NamedStdout(1, "w", closefd=False)),
+            encoding=before.encoding,
+            errors=before.errors,
+            line_buffering=before.line_buffering,
+            write_through=before.write_through,
+        )
+
+
+def _complain(text: str) -> None:
+    """Print an error on stderr; where even that cannot be written, the exit status remains."""
+    with suppress(OSError):
+        print(text, file=sys.stderr)
+
+
 def main(argv: list[str] | None = None, no_stdout: bool = False) -> int:
     """Run one command. Return 0 on success, 1 for a finding or if it is not possible now, 2 for
     bad usage or input, which is reported in one line on stderr. no_stdout: stdout is closed."""
     arguments = sys.argv[1:] if argv is None else argv
     command = next((a for a in arguments if a in COMMANDS), None)
     said_by = f"dehyst {command}" if command else "dehyst"
+    parser: Parser | None = None
     if system.LINUX and command and argv is None and _lasts(command, arguments):
         # ignore SIGHUP until a process that reloads installs its handler; others do not reload
         signal.signal(signal.SIGHUP, lambda *_: None)
@@ -247,14 +241,20 @@ def main(argv: list[str] | None = None, no_stdout: bool = False) -> int:
             print(f"dehyst: {complaint}", file=sys.stderr)
         with ended_at_once(said_by):
             kernel_cache.drop_stale()
-            args = build_parser(command).parse_args(_in_hertz(command, arguments))
+            whole = build_parser(command)
+            parser = whole.commands[command] if command else whole
+            parser.typed, parser.aliases = arguments, ALIASES.get(command or "", ())
+            args = whole.parse_args(_in_hertz(command, arguments))
             reporting = _reporting_compilation(command, said_by)
         if no_stdout and getattr(args, "json", False):
             raise BadInput("--json: stdout is closed; leave it open, or leave out --json")
-        with reporting:
-            return int(args.run(args) or 0)
+        with reporting, at_command_line():
+            code = int(args.run(args) or 0)
+        sys.stdout.flush()  # the interpreter would lose what cannot be written, without a word
+        return code
     except DehystError as error:
-        print(f"{said_by}: {_one_line(error)}", file=sys.stderr)
+        said = parser.as_typed(str(error)) if parser else str(error)
+        _complain(f"{said_by}: {one_line(said)}")
         return 1 if isinstance(error, NotNow) else 2
     except BrokenPipeError:  # the reader of our output has gone, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -262,14 +262,18 @@ def main(argv: list[str] | None = None, no_stdout: bool = False) -> int:
     except OSError as error:  # a full disk, a folder that is not there, a name that is too long
         if error.errno is None:
             raise
+        if error.filename == STDOUT:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # for what is still in its buffer
+            _complain(f"{said_by}: {STDOUT}: {error.strerror}")
+            return 1
         where = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-        print(f"{said_by}: {_one_line(where)}", file=sys.stderr)
+        _complain(f"{said_by}: {one_line(where)}")
         return 2
     except (KeyboardInterrupt, SystemError) as error:
         # in a callback from compiled code, the interrupt is the cause of a SystemError
         if not isinstance(error.__cause__ or error, KeyboardInterrupt):
             raise
-        print(f"{said_by}: interrupted", file=sys.stderr)
+        _complain(f"{said_by}: interrupted")
         return INTERRUPTED
 
 
@@ -279,6 +283,8 @@ def run_process() -> NoReturn:
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     no_stdout = open_closed_streams()
+    if not no_stdout:
+        name_stdout()
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # of an encoding such as ASCII

@@ -1,5 +1,10 @@
 """Make untrusted text safe to show on a terminal, without control sequences, and to write."""
 
+LONGEST_LINE = 900
+"""Characters of a line on the screen; a longer one is an input that was quoted whole."""
+LONGEST_QUOTE = 60
+"""Characters of a wrong value that an error quotes."""
+
 
 def printable(text: str) -> str:
     """Return the text with every control character, escape and direction mark escaped."""
@@ -18,3 +23,14 @@ def how_many(count: int, one: str, many: str = "") -> str:
     """Return a count with its noun: how_many(2, "row") is "2 rows". many: the plural, where it is
     not formed with an s."""
     return f"{count} {one}" if count == 1 else f"{count} {many or one + 's'}"
+
+
+def one_line(text: str) -> str:
+    """Return a text as one line for the screen: escaped, and shortened in the middle if long."""
+    line = printable(" ".join(text.split()))
+    return line if len(line) <= LONGEST_LINE else f"{line[:300]} ... {line[-300:]}"
+
+
+def brief(text: str) -> str:
+    """Return a value as an error quotes it: shortened if it is long."""
+    return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}..."

@@ -123,8 +123,11 @@ def unit_in_name(name: str) -> str:
 
 
 def allowed_words(field: structs.FieldInfo) -> str:
-    """Return what a key accepts, in words: "a number, above 0 and at most 10"."""
-    return _words(_plain_type(field)[0])
+    """Return what a key accepts, in words: "a number, above 0 and at most 10". A type that states
+    them itself, as one with a pattern does, has them as its title."""
+    whole = inspect.type_info(field.type)
+    stated = whole.extra_json_schema if isinstance(whole, inspect.Metadata) else None
+    return (stated or {}).get("title") or _words(_plain_type(field)[0])
 
 
 def _checked(kind: type[Settings], field: structs.FieldInfo, value: Any) -> Any:

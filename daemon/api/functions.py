@@ -16,6 +16,7 @@ from dehyst.daemon.api.inputs import take_model, take_recordings, take_trajector
 from dehyst.daemon.api.prediction import misfit, predict
 from dehyst.daemon.api.results import Diagnosed, Drive, Identified, Simulated, Validated
 from dehyst.daemon.api.trajectories import channels_along, spaced_evenly, target_in_unit
+from dehyst.daemon.called import python_function
 from dehyst.daemon.files.axis_columns import unit_factor
 from dehyst.daemon.files.foreign.reading import ReadOptions, parse_columns
 from dehyst.daemon.files.recordings import read_recording
@@ -39,6 +40,7 @@ def _keep_quiet(text: str, share: float = 0.0) -> None:
     """Discard progress reports."""
 
 
+@python_function
 def load_recording(
     path: str | Path,
     *,
@@ -58,17 +60,19 @@ def load_recording(
     """
     named = parse_columns(columns) if isinstance(columns, str) else dict(columns or {})
     if rate_hz is not None and not rate_hz > 0.0:
-        raise BadInput(f"rate_hz={rate_hz:g}: a number of rows a second above 0 is needed")
+        raise BadInput(f"--rate {rate_hz:g}: a number of rows a second above 0 is needed")
     reading = ReadOptions(named, rate_hz or 0.0, time_unit, drive_unit, unit)
     return read_recording(path, min_rows=1, reading=reading)
 
 
+@python_function
 def load_model(path: str | Path) -> Model:
     """Read a model from a TOML file, or return a shipped one ("paper-eq12"). Raises BadModel with a
     one-line message."""
     return take_model(path)
 
 
+@python_function
 def identify(
     *data: Any,
     rate: bool | None = None,
@@ -94,6 +98,7 @@ def identify(
     return Identified(identification.identify(recordings, options, progress), tuple(recordings))
 
 
+@python_function
 def simulate(model: Any, *data: Any, units: tuple[str, str] | None = None) -> Simulated:
     """Run a model on a recording's drive. t_s and drive are enough, plus any channels that the
     model reads. Without a displacement the stage starts de-energised; with one, it starts with the
@@ -104,12 +109,16 @@ def simulate(model: Any, *data: Any, units: tuple[str, str] | None = None) -> Si
     """
     model = take_model(model)
     units = units or (model.drive_unit, model.displacement_unit)
-    (recording,) = take_recordings(data, units, need_displacement=False)
+    recordings = take_recordings(data, units, need_displacement=False)
+    if len(recordings) > 1:
+        raise BadInput(f"one recording is simulated at a time, not {len(recordings)}")
+    (recording,) = recordings
     recording = _in_unit_of(model, recording)
     y, start = predict(model, recording)
     return Simulated(y, start, model, recording, misfit(model, recording, y))
 
 
+@python_function
 def invert(
     model: Any,
     *data: Any,
@@ -146,6 +155,9 @@ def invert(
     v = model.validity
     lowest = v.drive_min if low is None else low
     highest = v.drive_max if high is None else high
+    for option, limit in (("--min", lowest), ("--max", highest)):
+        if not math.isfinite(limit):
+            raise BadInput(f"{option} {limit:g}: not a finite drive")
     if not lowest < highest:
         raise BadInput(f"--min {lowest:g}: must be below --max, {highest:g}")
     compensator = Compensator(
@@ -171,6 +183,7 @@ def invert(
     )
 
 
+@python_function
 def diagnose(
     *data: Any,
     model: Any = None,
@@ -193,6 +206,7 @@ def diagnose(
     return Diagnosed(found, tuple(recordings))
 
 
+@python_function
 def validate(models: Any, *data: Any, units: tuple[str, str] = UNITS) -> Validated:
     """Test how well models predict recordings that were not used to fit them.
 
@@ -200,6 +214,8 @@ def validate(models: Any, *data: Any, units: tuple[str, str] = UNITS) -> Validat
     lack a channel the model reads.
     """
     many = [models] if not _is_many(models) else list(models)
+    if not many:
+        raise BadInput("no model was given; give models, or their paths")
     recordings = take_recordings(data, units, need_displacement=True)
     taken = [(_name(m), take_model(m)) for m in many]
     pairs = [(name, m, _named_in_unit_of(m, one)) for name, m in taken for one in recordings]

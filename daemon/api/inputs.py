@@ -106,6 +106,8 @@ def _is_array(one: Any) -> bool:
     """Return whether `one` is a one-dimensional column of numbers."""
     if isinstance(one, str | Path | Mapping | Recording) or _has_columns(one):
         return False
+    if np.iscomplexobj(one):  # numpy would drop the imaginary part with a warning
+        return False
     try:
         return np.asarray(one, dtype=np.float64).ndim == 1
     except (TypeError, ValueError):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from dehyst import __version__
 from dehyst.daemon.api.identification_summary import describe_result
 from dehyst.daemon.api.prediction import Misfit, describe_misfit, outside_validity
+from dehyst.daemon.called import python_function
 from dehyst.daemon.files.axis_columns import to_columns
 from dehyst.daemon.files.models import save_model, write_text
 from dehyst.daemon.files.outputs import check_outputs, report_failures
@@ -89,12 +90,14 @@ class Identified:
         """Remarks on the result for the user."""
         return self.details.notes
 
+    @python_function
     def save(self, path: str | Path, force: bool = False) -> Path:
         """Write the model as TOML. force: replace an existing file that is no model."""
         check_outputs([path], [], force)
         save_model(self.model, path)
         return Path(path)
 
+    @python_function
     def report(self, path: str | Path, name: str = "the model", force: bool = False) -> Path:
         """Write the report as one HTML file. force: replace an existing file that is no report."""
         check_outputs([path], [], force)
@@ -149,6 +152,7 @@ class Simulated:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.displacement, dtype=dtype, copy=True if copy is None else copy)
 
+    @python_function
     def save(self, path: str | Path, force: bool = False) -> Path:
         """Write the recording with the added column y_model_<unit>. force: replace an existing
         recording."""
@@ -218,6 +222,7 @@ class Drive:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.drive, dtype=dtype, copy=True if copy is None else copy)
 
+    @python_function
     def save(
         self, path: str | Path, force: bool = False, notes: dict[str, str] | None = None
     ) -> Path:
@@ -266,6 +271,7 @@ class Validated(Sequence[Validation]):
     def __iter__(self) -> Iterator[Validation]:
         return iter(self.results)
 
+    @python_function
     def report(self, path: str | Path, force: bool = False) -> Path:
         """Write the report as one HTML file. force: replace an existing file that is no report."""
         check_outputs([path], [], force)
@@ -314,6 +320,7 @@ class Diagnosed:
         """Return the content of diagnosis.json."""
         return self.details.to_dict()
 
+    @python_function
     def save(self, folder: str | Path, force: bool = False) -> Path:
         """Write diagnosis.json, model.toml and report.html into a folder; return the report's
         path. force: replace an existing model.toml that is no model."""

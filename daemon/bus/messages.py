@@ -23,6 +23,8 @@ MAX_SAMPLES = 65_536
 MAX_AXES = 8
 """Most axes of one controller."""
 
+Chosen = Annotated[int, Meta(ge=1, le=2**63 - 1)]
+"""The number of a client or of a trajectory, chosen at random by its sender; 0 is none."""
 Seq = Annotated[int, Meta(ge=0, le=2**62)]
 Text = Annotated[str, Meta(max_length=500)]
 LongText = Annotated[str, Meta(max_length=2000)]
@@ -44,7 +46,7 @@ class Setpoint(Message, tag_field="schema", tag="dehyst.setpoint", frozen=True, 
     command)."""
 
     version: Version = 2
-    client: Id
+    client: Chosen
     lease: Id
     """The number that the daemon issued with the lease; it protects against replayed commands."""
     sequence: Id
@@ -63,9 +65,9 @@ class Chunk(Message, tag_field="schema", tag="dehyst.trajectory", frozen=True, k
     """The next points of a timed trajectory."""
 
     version: Version = 1
-    client: Id
+    client: Chosen
     lease: Id
-    trajectory: Id
+    trajectory: Chosen
     index: Id
     """0, 1, 2 ... without gaps; 0 starts the trajectory."""
     sent_ns: int
@@ -108,7 +110,7 @@ class Request(Message, tag_field="schema", tag="dehyst.request", frozen=True, kw
     reject (decline this offer; if it is in use, restore the previous model)."""
 
     version: Version = 2
-    client: Id
+    client: Chosen
     lease: Id = 0
     sent_ns: int
     action: Action

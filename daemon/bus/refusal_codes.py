@@ -36,6 +36,9 @@ CODES = {
     "not-finite": RefusalCode("NaN or infinite"),
     "unreachable": RefusalCode("outside the reachable range"),
     "order": RefusalCode("a chunk or time stamp out of order"),
+    "offset": RefusalCode(
+        "a point before the start of its trajectory, or more than a year after it"
+    ),
     "dense": RefusalCode("points closer than the loop's period"),
     "span": RefusalCode("one chunk spans more than the daemon accepts ahead"),
     "over": RefusalCode(

@@ -18,6 +18,7 @@ import os
 import socket
 import threading
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import msgspec
@@ -31,11 +32,13 @@ from dehyst.daemon.bus.messages import Action, Chunk, Command, Reply, Request, S
 from dehyst.daemon.bus.security import client_settings
 from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.bus.topics import SETPOINT, subject
+from dehyst.daemon.called import python_function
 from dehyst.daemon.client.finding import TIMEOUT_S, chosen_of, find_daemons, not_chosen
 from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, Report, ignore
 from dehyst.daemon.client.questions import DaemonQueries
 from dehyst.daemon.client.repeated import Repeated
 from dehyst.daemon.client.together import play
+from dehyst.daemon.option_words import in_callers_words
 from dehyst.models.errors import DehystError
 
 if TYPE_CHECKING:  # importing scipy is slow
@@ -47,19 +50,21 @@ ADDRESS, CREDENTIALS = "DEHYST_CONNECT", "DEHYST_CREDENTIALS"
 """Environment variables that override the defaults."""
 
 
-def open_bus(connect: str | Sequence[str] | None, credentials: str | None) -> tuple[Bus, list[str]]:
+def open_bus(
+    connect: str | Sequence[str] | None, credentials: str | Path | None
+) -> tuple[Bus, list[str]]:
     """Return a connection and its addresses. None: from the environment, else the default."""
     connect = os.environ.get(ADDRESS, DEFAULT) if connect is None else connect
     credentials = os.environ.get(CREDENTIALS, "") if credentials is None else credentials
     addresses = [connect] if isinstance(connect, str) else list(connect)
-    return Bus.connect(addresses, security=client_settings(credentials)), addresses
+    return Bus.connect(addresses, security=client_settings(str(credentials))), addresses
 
 
 class Refusal(DehystError):
     """The daemon refused a command. code: one of dehyst.daemon.bus.refusal_codes.CODES."""
 
     def __init__(self, code: str, text: str) -> None:
-        how = " with take_over() or --take-over" if code == "lease-taken" else ""
+        how = in_callers_words(" with --take-over") if code == "lease-taken" else ""
         super().__init__(f"the daemon refuses: {text}{how} [{code}]")
         self.code = code
 
@@ -74,13 +79,14 @@ class Client(DaemonQueries):
     daemon answers, or if several do and no name was given.
     """
 
+    @python_function
     def __init__(
         self,
         name: str | None = None,
         connect: str | Sequence[str] | None = None,
         base: str = "dehyst",
         label: str = "",
-        credentials: str | None = None,
+        credentials: str | Path | None = None,
     ) -> None:
         bus, addresses = open_bus(connect, credentials)
         try:
@@ -139,6 +145,7 @@ class Client(DaemonQueries):
         """Renew the lease without sending a command."""
         self._command(lambda: self._request("renew"))
 
+    @python_function
     def send(self, value: float, allow_unreachable: bool = False, stay: bool = False) -> Reply:
         """Go to `value` and wait for the daemon's answer. Raises Refusal with the reason.
 
@@ -148,11 +155,13 @@ class Client(DaemonQueries):
         """
         return self._command(lambda: self._setpoint(value, allow_unreachable, stay))
 
+    @python_function
     def hold(self, stay: bool = False) -> Reply:
         """Hold the present voltage for `setpoint.hold_s`; stay: as for send. The stage may creep:
         `send` keeps the position, `hold` keeps the voltage."""
         return self._command(lambda: msgspec.structs.replace(self._request("hold"), stay=stay))
 
+    @python_function
     def put(self, value: float, allow_unreachable: bool = False) -> None:
         """Go to `value` without waiting for an answer, for programs that send hundreds of
         set-points per second. Refusals appear only in `feed().rejections`. The first call takes the
@@ -196,6 +205,7 @@ class Client(DaemonQueries):
             )
         )
 
+    @python_function
     def play(
         self,
         t_s: ArrayLike,
@@ -228,6 +238,7 @@ class Client(DaemonQueries):
         `dehyst play --learn` and dehyst.daemon.client.play_learning."""
         return play(self, points, allow_unreachable, progress, None, LEARNING_LEAD_S, lessons)
 
+    @python_function
     def move_zero(self, shift: float) -> None:
         """Add `shift` to every gauge reading from now on."""
         self._command(lambda: self._request("zero", shift))

@@ -12,6 +12,7 @@ one shared connection. Threads and forks: as for Client.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike
 from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.bus.messages import Reply, Status, new_number
 from dehyst.daemon.bus.session import BusError
+from dehyst.daemon.called import python_function
 from dehyst.daemon.client.client import Client, open_bus
 from dehyst.daemon.client.finding import find_axes
 from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, Player
@@ -41,6 +43,7 @@ class Group(Closing):
     arguments: as for Client. Raises BusError if there is no such controller or axis.
     """
 
+    @python_function
     def __init__(
         self,
         name: str | None = None,
@@ -48,7 +51,7 @@ class Group(Closing):
         connect: str | Sequence[str] | None = None,
         base: str = "dehyst",
         label: str = "",
-        credentials: str | None = None,
+        credentials: str | Path | None = None,
     ) -> None:
         self.bus, addresses = open_bus(connect, credentials)
         try:
@@ -91,6 +94,7 @@ class Group(Closing):
         """Return the client of the first axis."""
         return next(iter(self.clients.values()))
 
+    @python_function
     def wait_until_started(
         self, timeout_s: float = LONGEST_START_S, on_wait: Callable[[str], None] = lambda _: None
     ) -> dict[str, Status]:
@@ -119,10 +123,12 @@ class Group(Closing):
         """Drop all targets and ramp all axes to their safe voltages now. Needs no lease."""
         self.first.release(self._names())
 
+    @python_function
     def hold(self, stay: bool = False) -> dict[str, Reply]:
         """Hold the present voltage of every axis: see Client.hold."""
         return {axis: client.hold(stay) for axis, client in self.clients.items()}
 
+    @python_function
     def send(
         self,
         targets: Mapping[str, float],
@@ -140,6 +146,7 @@ class Group(Closing):
             for axis, value in targets.items()
         }
 
+    @python_function
     def play(
         self,
         t_s: ArrayLike,

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dehyst.daemon import clock
+from dehyst.daemon.called import python_function
 from dehyst.daemon.client.client import Client, Refusal
 from dehyst.daemon.client.player import PATIENCE_S
 from dehyst.daemon.client.readings import Flight, Reading, mean_of, model_place
@@ -80,6 +81,7 @@ class Positioner(Closing):
     timeout_s: a position not reached by then is an error. Raises what the client raises.
     """
 
+    @python_function
     def __init__(
         self,
         connect: Callable[[], Client] | None = None,

@@ -19,6 +19,7 @@ from dehyst.daemon.bus.messages import (
     TelemetryBatch,
 )
 from dehyst.daemon.bus.session import Bus, Nobody
+from dehyst.daemon.called import python_function
 from dehyst.daemon.client.finding import TIMEOUT_S
 from dehyst.daemon.client.telemetry import StatusFeed, TelemetryStream
 from dehyst.daemon.closing import Closing
@@ -59,6 +60,7 @@ class DaemonQueries(Closing):
         status: Status = encoding.decode(Status, self._one("status"))
         return status
 
+    @python_function
     def wait_until_started(
         self, timeout_s: float = LONGEST_START_S, on_wait: Callable[[str], None] = lambda _: None
     ) -> Status:

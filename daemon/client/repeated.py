@@ -12,6 +12,8 @@ Numbers = NDArray[np.int64]
 LONGEST_GAP_NS = 1_000_000_000
 """Longest time between two points that are sent [ns]: a daemon accepts only a few seconds at once,
 and a player sends three seconds ahead."""
+LATEST_S = 4e9
+"""Latest time that a trajectory is computed with [s]: 127 years, which fits 64 bits in ns."""
 MOST_GAPS = 10_000_000
 """Most points after the gaps were filled (a gap of 115 days): beyond it, the times are not in s."""
 
@@ -35,8 +37,11 @@ class Repeated:
         t, self.targets = np.asarray(t_s, np.float64), np.asarray(value, np.float64)
         if t.ndim != 1 or t.shape != self.targets.shape or t.size < 2:
             raise BadInput("a trajectory needs two or more points, as many times as targets")
-        self.offset_ns = np.round((t - t[0]) * 1e9).astype(np.int64)
-        if not np.all(np.isfinite(t)) or np.any(np.diff(self.offset_ns) <= 0):
+        if not np.all(np.isfinite(t)):
+            raise BadInput("the times of a trajectory must be finite and strictly increase")
+        # later ones do not fit 64 bits, and are refused in words below
+        self.offset_ns = np.round(np.clip(t - t[0], -LATEST_S, LATEST_S) * 1e9).astype(np.int64)
+        if t[-1] - t[0] <= LATEST_S and np.any(np.diff(self.offset_ns) <= 0):
             raise BadInput("the times of a trajectory must be finite and strictly increase")
         if times < 0:
             raise BadInput(f"{times} repetitions: give 1 or more, or 0 to play until stopped")

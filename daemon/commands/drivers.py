@@ -6,10 +6,10 @@ import json
 from typing import Any
 
 import msgspec
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from dehyst.daemon.terminal.stdout_console import StdoutConsole
 from dehyst.drivers.registry import Plugin, find_plugins, list_plugins, list_settings
 from dehyst.drivers.settings import SettingKey
 
@@ -92,6 +92,6 @@ def _table(*titles: str) -> Table:
 
 
 def _print(table: Table) -> None:
-    console = Console()
+    console = StdoutConsole()
     # a pipe has no width: print long lines unwrapped, for grep
-    Console(width=None if console.is_terminal else 240).print(table)
+    StdoutConsole(width=None if console.is_terminal else 240).print(table)

@@ -223,7 +223,7 @@ def run(args: argparse.Namespace) -> int:
         except BrokenPipeError:  # the process that started it is gone
             raise
         except OSError as error:
-            raise BadInput(f"emulate in {directory}: {error}") from None
+            raise BadInput(f"emulate in {directory}: {error.strerror or error}") from None
     if sys.stderr.isatty():
         print("emulated bench ended", file=sys.stderr)
     return 0

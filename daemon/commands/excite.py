@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.config import load_config
+from dehyst.daemon.config.plausible import check_plausible
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_given
 from dehyst.daemon.files.models import load_model
@@ -15,6 +16,7 @@ from dehyst.daemon.json_text import print_json
 from dehyst.daemon.printable import how_many
 from dehyst.models.drive_design.coverage import Coverage, measure_coverage
 from dehyst.models.drive_design.excitation import SINES, Excitation, design
+from dehyst.models.drive_design.scans import MOST_SAMPLES
 from dehyst.models.drive_design.separation import EFFECTS, SeparatingDrive, separate
 from dehyst.models.drive_design.waveforms import Limits
 from dehyst.models.errors import BadInput
@@ -104,8 +106,8 @@ def _take_config(args: argparse.Namespace) -> None:
         gain, limits = config.actuator.gain, config.limits
         low, high, slew = limits.min_v / gain, limits.max_v / gain, limits.slew_v_per_s / gain
         args.range = args.range or [low, high]
-        args.slew = args.slew or slew
-        args.sampling = args.sampling or config.loop.rate_hz
+        args.slew = slew if args.slew is None else args.slew
+        args.sampling = config.loop.rate_hz if args.sampling is None else args.sampling
         if min(args.range) < low or max(args.range) > high or args.slew > slew:
             raise BadInput(
                 f"{args.config} allows {low:g} to {high:g} {spell_unit(args.unit)} at {slew:g} "
@@ -126,6 +128,7 @@ def _design(args: argparse.Namespace) -> int:
             f"{', '.join(absent)} missing; a drive needs --range, --band, --duration, -o"
         )
     low, high = args.range
+    _check_sizes(args, args.duration)
     drive = design(
         low, high, args.band, args.duration, args.sampling, sines=args.sines, slew_per_s=args.slew
     )
@@ -151,6 +154,19 @@ def _design(args: argparse.Namespace) -> int:
         f"{drive.u[0]:g} {spell_unit(args.unit)}"
     )
     return 0
+
+
+def _check_sizes(args: argparse.Namespace, seconds: float) -> None:
+    """Raise BadInput, which names the option, if no stage has such a range, or the file would be
+    larger than other programs open."""
+    if args.range is not None:
+        check_plausible("--range", args.range, args.unit)
+    if seconds * args.sampling > MOST_SAMPLES:
+        raise BadInput(
+            f"--duration {seconds:g}: {seconds * args.sampling:.3g} samples at {args.sampling:g} "
+            f"Hz; at most {MOST_SAMPLES} are written, so at most "
+            f"{MOST_SAMPLES / args.sampling:.3g} s: shorten the drive, or lower --sampling"
+        )
 
 
 def _notes(drive: Excitation, unit: str) -> dict[str, str]:
@@ -229,8 +245,10 @@ def _separate(args: argparse.Namespace) -> int:
     low, high = args.range or (valid.drive_min, valid.drive_max)  # type: ignore[union-attr]
     if not args.sampling > 0:
         raise BadInput(f"--sampling: must be greater than 0, not {args.sampling:g}")
-    rate = args.slew or SPANS_PER_S * (high - low)
-    limits = Limits(low, high, rate, 1.0 / args.sampling, args.duration or SECONDS)
+    rate = SPANS_PER_S * (high - low) if args.slew is None else args.slew
+    seconds = SECONDS if args.duration is None else args.duration
+    _check_sizes(args, seconds)
+    limits = Limits(low, high, rate, 1.0 / args.sampling, seconds)
     experiment = separate(a, b, limits, model)
     unit = model.drive_unit if model else args.unit
     notes = {"made_by": "dehyst excite", "purpose": f"separate {a} from {b}"}

@@ -14,7 +14,6 @@ from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_given
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.json_text import print_json
-from dehyst.models.errors import BadInput
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -51,7 +50,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Identify, write the model and the report; return 0."""
     rate = True if args.rate else False if args.static else None
-    _check_places(args)
+    page = args.report / "report.html" if args.report else None
+    check_outputs([args.output, page], args.recordings, args.force)
     started_ns = clock.monotonic_ns()
     recordings = read_given(args.recordings, args)
     with working() as say:
@@ -66,22 +66,15 @@ def run(args: argparse.Namespace) -> int:
         seconds = (clock.monotonic_ns() - started_ns) / clock.NS
         found.save(args.output, force=args.force)
         report = None
-        if args.report:
+        if page:
             say("writing the report")
-            report = found.report(args.report / "report.html", args.output.name, force=args.force)
+            report = found.report(page, args.output.name, force=args.force)
     result, covered = found.details, found.coverage
     if args.json:
         print_json(summary(result, covered, args.output, seconds, report))
     else:
         print(describe_result(result, covered, args.output, report))
     return 0
-
-
-def _check_places(args: argparse.Namespace) -> None:
-    if not args.output.resolve().parent.is_dir():
-        raise BadInput(f"{args.output}: the folder does not exist")
-    report = args.report / "report.html" if args.report else None
-    check_outputs([args.output, report], args.recordings, args.force)
 
 
 @contextmanager

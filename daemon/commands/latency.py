@@ -1,7 +1,6 @@
 """Test whether this machine meets the loop's deadlines."""
 
 import argparse
-import os
 import sys
 from contextlib import nullcontext
 from pathlib import Path
@@ -111,7 +110,7 @@ def _setup(args: argparse.Namespace, config: Config | None, default_hz: float) -
     ):
         if not low <= value <= high:
             raise BadInput(f"{name} {value:g} is outside {low:g} to {high:g}")
-    usable = sorted(os.sched_getaffinity(0))
+    usable = machine.usable_cpus()
     if setup.cpu >= 0 and setup.cpu not in usable:
         known = ", ".join(map(str, usable))
         raise BadInput(f"CPU {setup.cpu} (--cpu, loop.cpu): this process can use only CPUs {known}")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dehyst.daemon.client.connection import add_connection
+from dehyst.daemon.config.plausible import check_plausible
 from dehyst.daemon.files.outputs import add_force, check_outputs, whole_file
 from dehyst.daemon.terminal.number_options import finite, positive
 from dehyst.models.errors import BadInput, DehystError
@@ -141,6 +142,12 @@ def run(args: argparse.Namespace) -> int:
 
     models = [Path(file) for _, file in args.model]
     check_outputs([args.output, args.picture], [args.config, *models], args.force)
+    for option, lengths in (
+        ("--size", args.size or ()),
+        ("--radius", () if args.radius is None else (args.radius,)),
+        ("--center", args.center or ()),
+    ):
+        check_plausible(option, lengths, args.unit)
     axes, rate_hz = _axes(args)
     period_s = 1.0 / (args.sampling or rate_hz)
     scan = _scan(args, period_s)

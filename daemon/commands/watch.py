@@ -53,17 +53,17 @@ def run(args: argparse.Namespace) -> int:
     """Watch until --for, q or Ctrl-C."""
     if args.list:
         return list_all(args)
-    from rich.console import Console
     from rich.live import Live
 
     from dehyst.daemon import clock
     from dehyst.daemon.terminal import view
     from dehyst.daemon.terminal.keys import pressed, single_keys
+    from dehyst.daemon.terminal.stdout_console import StdoutConsole
 
     with connect_axes(args, "watch") as stage, ExitStack() as held:
         watched = {axis: Watched(client, args.window) for axis, client in stage.clients.items()}
         begun_ns = shown_ns = clock.monotonic_ns()
-        console = Console()
+        console = StdoutConsole()
         live = None
         if draws_screens(console) and not args.json:
             for axis in watched.values():

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dehyst.daemon.config.checked_tables import check_tables
 from dehyst.daemon.config.file import checked_config, read_tables, resolved_config
 from dehyst.daemon.config.sections import (
     BusConfig,
@@ -95,7 +96,9 @@ def load_controller(path: str | Path) -> Controller:
     """Read a controller and the Config of each of its axes from a file. Raises BadInput."""
     path = Path(path)
     data = read_tables(path)
-    if not isinstance(data.get("axis"), dict):
+    if not isinstance(data.get("axis", {}), dict):
+        raise BadInput(f"{path}: axis must have a table for each axis: [axis.x]")
+    if "axis" not in data:
         config = resolved_config(checked_config(data, str(path)), path.parent)
         return Controller(config.name, (config,), config.directory)
     return _several(data, path)
@@ -119,16 +122,14 @@ def load_config(path: str | Path, axis: str = "") -> Config:
 
 def _several(data: dict[str, Any], path: Path) -> Controller:
     axes = data["axis"]
-    unknown = [key for key in data if key not in (*SHARED, *OWN, "axis")]
-    if unknown:
-        raise BadInput(f"{path}: Object contains unknown field `{unknown[0]}` at top level")
+    # at top level is what all axes share: their defaults need not be complete
+    top = {key: value for key, value in data.items() if key != "axis"}
+    check_tables(Config, top, str(path), whole=False, only=(*SHARED, *OWN))
     if not axes:
         raise BadInput(f"{path}: [axis] needs a table for each axis: [axis.x]")
-    name = data.get("name")
-    if not isinstance(name, str):
-        raise BadInput(f"{path}: Object missing required field `name` at top level")
-    run_dir = data.get("run_dir", "")
-    directory = run_directory(name, run_dir if isinstance(run_dir, str) else "")
+    check_tables(Config, {key: top[key] for key in top if key == "name"}, str(path), only=("name",))
+    name = data["name"]
+    directory = run_directory(name, data.get("run_dir", ""))
     configs = tuple(_axis(data, axis, directory, path) for axis in axes)
     _check_together(configs, path)
     return Controller(name, configs, directory)
@@ -143,8 +144,7 @@ def _axis(data: dict[str, Any], axis: str, directory: Path, path: Path) -> Confi
     for key in own:
         if key in SHARED:
             raise BadInput(f"{where}: `{key}` is for all axes and belongs at top level")
-        if key not in OWN:
-            raise BadInput(f"{where}: Object contains unknown field `{key}`")
+    check_tables(Config, own, str(path), section=f"axis.{axis}", whole=False, only=OWN)
     shared = {key: value for key, value in data.items() if key in SHARED}
     merged = shared | {
         key: _laid_over(data.get(key), own.get(key)) for key in OWN if key in data or key in own

@@ -1,12 +1,12 @@
 """Turn TOML text into a checked Config of one axis: the only one, or one of several."""
 
-import re
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
 from dehyst.daemon.bus.security import check_open, check_page, check_routers
+from dehyst.daemon.config.checked_tables import check_tables
 from dehyst.daemon.config.sections import Config, ModelConfig
 from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.daemon.prepared import resolve_classes
@@ -38,11 +38,8 @@ def parse_config(text: str, where: str = "configuration") -> Config:
 
 def checked_config(data: dict[str, Any], where: str) -> Config:
     """Convert tables to a Config and check it. Raises BadInput naming the key."""
-    try:
-        config = msgspec.convert(data, Config, strict=True)
-    except msgspec.ValidationError as error:
-        message = re.sub(r"`\$\.?([^`]*)`", r"`\1`", str(error)).replace(" at ``", " at top level")
-        raise BadInput(f"{where}: {message}") from None
+    check_tables(Config, data, where)
+    config = msgspec.convert(data, Config, strict=True)
     _check(config, where)
     return config
 

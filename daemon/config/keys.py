@@ -39,7 +39,7 @@ def _sections(title: str, kind: type[msgspec.Struct], needed: bool) -> list[Conf
     for field in structs.fields(kind):
         if (kind, field.name) in NOT_WRITTEN:
             continue
-        inner = _struct_of(field.type)
+        inner = section_class(field.type)
         if inner is None:
             default = None if field.required else field.default
             if field.default_factory is not msgspec.NODEFAULT:
@@ -55,17 +55,18 @@ def _sections(title: str, kind: type[msgspec.Struct], needed: bool) -> list[Conf
             )
             own.append(key)
         else:
-            name = f"{field.name}.NAME" if _is_table(field.type) else field.name
+            name = f"{field.name}.NAME" if is_table(field.type) else field.name
             inside = f"{title}.{name}" if title else name
             below += _sections(inside, inner, needed and field.required)
     return [ConfigSection(title, said[""], tuple(own), needed), *below]
 
 
-def _is_table(kind: Any) -> bool:
+def is_table(kind: Any) -> bool:
+    """Return whether a field's type is a table of sections, as [channels.NAME]."""
     return getattr(kind, "__origin__", None) is dict
 
 
-def _struct_of(kind: Any) -> type[msgspec.Struct] | None:
+def section_class(kind: Any) -> type[msgspec.Struct] | None:
     """Return the section class in a field's type: alone, optional, or as the values of a dict;
     None if there is none."""
     for one in (kind, *get_args(kind)):

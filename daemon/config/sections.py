@@ -18,8 +18,17 @@ from dehyst.models.errors import BadInput
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
-Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,62}$")]
-AxisName = Annotated[str, Meta(pattern=r"^[a-z0-9]{0,8}$")]
+Name = Annotated[
+    str,
+    Meta(
+        pattern=r"^[a-z0-9][a-z0-9_-]{0,62}$",
+        title="a name of a-z, 0-9, _ and -, beginning with a letter or digit, at most 63 "
+        "characters",
+    ),
+]
+AxisName = Annotated[
+    str, Meta(pattern=r"^[a-z0-9]{0,8}$", title="an axis, of at most eight characters a-z and 0-9")
+]
 
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -191,7 +200,13 @@ class AuthConfig(_Strict, frozen=True):
 class BusConfig(_Strict, frozen=True):
     """[bus]: zenoh, on loopback only unless `listen` or `connect` name other addresses."""
 
-    base: Annotated[str, Meta(pattern=r"^[a-z0-9_-]+(/[a-z0-9_-]+)*$")] = "dehyst"
+    base: Annotated[
+        str,
+        Meta(
+            pattern=r"^[a-z0-9_-]+(/[a-z0-9_-]+)*$",
+            title="words of a-z, 0-9, _ and -, with a / between two",
+        ),
+    ] = "dehyst"
     """Prefix of every key."""
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     connect: tuple[str, ...] = ()

@@ -9,6 +9,7 @@ from typing import Any
 
 from dehyst.daemon.config import SafeConfig
 from dehyst.daemon.config.keys import ConfigSection, list_config
+from dehyst.daemon.config.plausible import check_plausible
 from dehyst.drivers.registry import find_plugins, list_settings
 from dehyst.drivers.settings import SettingKey
 from dehyst.models.errors import BadInput
@@ -34,6 +35,7 @@ def check_range(low: float, high: float, slew: float | None) -> None:
         raise BadInput(
             f"--range {low:g} {high:g}: give the lowest voltage first, then the highest, in V"
         )
+    check_plausible("--range", (low, high), "v")
     if slew is not None and not 0.0 < slew < math.inf:
         raise BadInput(f"--slew {slew:g}: a rate in V/s, greater than 0")
 

@@ -33,7 +33,7 @@ from dehyst.daemon.files.foreign.found import Column, Given, Sheet
 from dehyst.daemon.files.foreign.no_value import MOST_MISSING, stands_for_none
 from dehyst.daemon.files.foreign.reading import AS_IT_IS, ReadOptions
 from dehyst.daemon.files.foreign.roles import BY_UNIT, PLAIN, role_of
-from dehyst.daemon.files.foreign.text import read_text_table
+from dehyst.daemon.files.foreign.text import ends_in_other_rows, read_text_table
 from dehyst.daemon.files.foreign.understand import understand
 from dehyst.daemon.files.mcap_file import read_mcap
 from dehyst.daemon.files.sidecar import read_notes
@@ -107,10 +107,7 @@ def load_columns(
     elif kind == ".npy":
         loaded = _understood(path, _read_npy(path), reading, wants)
     elif not reading and name.lower().endswith((".csv", ".csv.gz")) and _is_own(path, wants):
-        table = read_table(path)
-        own = read_notes(path)  # of a recording that dehyst wrote, whose times are in seconds
-        loaded = Loaded(table.columns, {**table.metadata, **own}, seconds=bool(own))
-        loaded.where = lambda row: f"line {line_of_row(path, row)}"
+        loaded = _load_own(path, wants)
     else:
         loaded = _understood(path, read_text_table(path), reading, wants)
         loaded.notes |= read_notes(path)
@@ -122,6 +119,20 @@ def load_columns(
             f"{text} may stand for no value; if so, empty these fields" for text in found if text
         ]
         loaded.said = "; ".join(remarks)
+    return loaded
+
+
+def _load_own(path: Path, wants: Sequence[str]) -> Loaded:
+    """Load a CSV in dehyst's own form, without sums and notes below its numbers."""
+    own = read_notes(path)  # of a recording that dehyst wrote, whose times are in seconds
+    try:
+        table = read_table(path)
+    except BadRecording:
+        if not ends_in_other_rows(path):
+            raise
+        return _understood(path, read_text_table(path), AS_IT_IS, wants)
+    loaded = Loaded(table.columns, {**table.metadata, **own}, seconds=bool(own))
+    loaded.where = lambda row: f"line {line_of_row(path, row)}"
     return loaded
 
 

@@ -301,8 +301,6 @@ class Admission:
     def check_free(self, now_ns: int, command: Request) -> None:
         """Raise NotAdmitted if this command cannot get the lease."""
         lease = self.lease
-        if command.client == 0:
-            raise NotAdmitted("no-lease", "0 is not a client's number")
         if command.action == "take-over" or not lease.is_held(now_ns):
             return
         if lease.client != command.client:
@@ -320,8 +318,6 @@ class Admission:
 
     def _request(self, now_ns: int, command: Request) -> NDArray[np.void]:
         action, client, lease = command.action, command.client, self.lease
-        if client == 0:
-            raise NotAdmitted("no-lease", "0 is not a client's number")
         if action in ("acquire", "take-over"):
             self.check_free(now_ns, command)
             self.give_lease(now_ns, command)

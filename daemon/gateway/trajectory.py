@@ -56,8 +56,6 @@ class TrajectoryProgress:
 
     def continued(self, command: Chunk) -> "TrajectoryProgress":
         """Return the chunk's trajectory; a new one if chunk 0 starts it. Raises NotAdmitted."""
-        if command.trajectory == 0:
-            raise NotAdmitted("order", "0 is not a trajectory's number")
         if self.is_of(command):
             return self
         if command.index == 0:
@@ -80,9 +78,14 @@ class TrajectoryProgress:
             raise NotAdmitted(
                 "order", f"chunk {command.index} arrived, but chunk {self.next_index} is next"
             )
-        if offsets[0] < 0 or offsets[-1] > LATEST_OFFSET_NS or np.any(offsets[1:] <= offsets[:-1]):
+        if np.any(offsets[1:] <= offsets[:-1]):
+            raise NotAdmitted("order", "the times of a chunk must strictly increase")
+        if offsets[0] < 0 or offsets[-1] > LATEST_OFFSET_NS:
+            wrong = offsets[0] if offsets[0] < 0 else offsets[-1]
             raise NotAdmitted(
-                "order", "the times of a chunk must be positive and strictly increase"
+                "offset",
+                f"a point lies {1e-9 * float(wrong):g} s after the trajectory's start; a point has "
+                f"0 to {1e-9 * LATEST_OFFSET_NS:g} s (a year)",
             )
         if self.next_index < 0:  # do not send points twice that an earlier gateway passed on
             fresh = offsets > self.end_ns

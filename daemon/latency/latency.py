@@ -2,7 +2,6 @@
 witness threads, and time the device calls separately."""
 
 import math
-import os
 import tempfile
 import threading
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from dehyst.daemon import clock
 from dehyst.daemon.config import Config, parse_config
 from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, expect_known
 from dehyst.daemon.interrupts import ended_at_once
+from dehyst.daemon.latency import machine
 from dehyst.daemon.loop.checks import SPARE, devices_of
 from dehyst.daemon.loop.compiled_loop import CompiledLoop, spin_ns, warm_up
 from dehyst.daemon.loop.devices import DeviceLink
@@ -165,7 +165,7 @@ def measure(setup: Setup) -> LatencyOutcome:
         rings = _rings(32768)
         monitor = _monitor(setup, links, rings)
         rings["command"].push_many(_sine(setup))
-    cpus = (setup.cpu,) if setup.cpu >= 0 else tuple(sorted(os.sched_getaffinity(0)))[:8]
+    cpus = (setup.cpu,) if setup.cpu >= 0 else machine.usable_cpus()[:8]
     witness = Witness(
         monitor.stepper.settings.period_ns, cpus, setup.priority, clock.monotonic_ns()
     )

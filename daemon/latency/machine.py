@@ -15,6 +15,11 @@ def _text(path: str) -> str:
         return ""
 
 
+def usable_cpus() -> tuple[int, ...]:
+    """Return the numbers of the CPUs that this process can use."""
+    return tuple(sorted(os.sched_getaffinity(0)))
+
+
 def facts(cpu: int) -> dict[str, str]:
     """Return kernel, CPUs, clock and similar facts as text; `cpu`: the loop's CPU, -1: any."""
     flags = _text("/proc/cpuinfo")
@@ -22,7 +27,7 @@ def facts(cpu: int) -> dict[str, str]:
     return {
         "kernel": f"{os.uname().release} {os.uname().machine}",
         "preemption": "PREEMPT_RT" if _text("/sys/kernel/realtime") == "1" else "no PREEMPT_RT",
-        "cpus": f"{len(os.sched_getaffinity(0))} of {os.cpu_count()}",
+        "cpus": f"{len(usable_cpus())} of {os.cpu_count()}",
         "isolated": _text("/sys/devices/system/cpu/isolated") or "none",
         "clock source": _text("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
         "governor": _text(f"/sys/devices/system/cpu/cpu{one}/cpufreq/scaling_governor")

@@ -1,22 +1,57 @@
-"""Types of the options that take a number, for argparse: NaN and infinity are no numbers here."""
+"""Types of the options that take a number, for argparse: NaN and infinity are no numbers here, and
+nothing is larger than any quantity of a stage and its devices."""
 
 import argparse
 import math
 from collections.abc import Callable
 
+from dehyst.daemon.printable import brief
 
-def finite(text: str) -> float:
-    """Parse a finite number."""
+LARGEST = 1e12
+"""Largest value of any option, in its unit. A rate in nm/s over a metre in a millisecond is 1e12; a
+larger number is a slip, and its square would overflow further on."""
+LARGEST_WHOLE = 2**63 - 1
+"""Largest whole number: those on the bus have 64 bits."""
+
+
+def number(text: str) -> float:
+    """Parse a finite number of at most LARGEST."""
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not a finite number; write it without a unit (targets are in the "
-            "daemon's displacement unit, times in seconds)"
+            f"{brief(repr(text))} is not a finite number; write it without a unit"
+        )
+    if abs(value) > LARGEST:
+        raise argparse.ArgumentTypeError(
+            f"{brief(text)} is larger than any number of a stage or its devices ({LARGEST:g})"
         )
     return value
+
+
+def whole(text: str) -> int:
+    """Parse a whole number of at most 64 bits."""
+    try:
+        value = int(text)
+    except ValueError:  # also one of thousands of digits
+        raise argparse.ArgumentTypeError(
+            f"{brief(repr(text))} is not a whole number; write it without a unit"
+        ) from None
+    if abs(value) > LARGEST_WHOLE:
+        raise argparse.ArgumentTypeError(f"{brief(text)} is larger than {LARGEST_WHOLE}")
+    return value
+
+
+def finite(text: str) -> float:
+    """Parse a finite number of a command to the daemon."""
+    try:
+        return number(text)
+    except argparse.ArgumentTypeError as error:
+        raise argparse.ArgumentTypeError(
+            f"{error} (targets are in the daemon's displacement unit, times in seconds)"
+        ) from None
 
 
 def positive(text: str) -> float:
@@ -42,5 +77,5 @@ def within(low: float, high: float) -> Callable[[str], float]:
 def natural(text: str) -> int:
     """Parse a whole number of at least 0."""
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 0")
-    return int(text)
+        raise argparse.ArgumentTypeError(f"{brief(repr(text))} is not a whole number of at least 0")
+    return whole(text)

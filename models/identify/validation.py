@@ -12,6 +12,7 @@ import numpy as np
 from dehyst.models.cascade.history import replay
 from dehyst.models.cascade.simulate import channels_of
 from dehyst.models.errors import BadInput
+from dehyst.models.identify.data.rows import check_scale
 from dehyst.models.identify.uncertainty import estimate_noise
 from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording
@@ -110,7 +111,7 @@ class Validation:
 
 def validate(model: Model, recording: Recording) -> Validation:
     """Run the model on the recording's drive. Raises BadInput if units differ, columns are missing
-    or too few rows are complete."""
+    or too few rows are complete, and BadRecording if a column's size cannot be a stage's."""
     if recording.displacement is None:
         raise BadInput(f"{recording.name}: no displacement column; validation needs one")
     for what, ours, theirs in (
@@ -122,6 +123,7 @@ def validate(model: Model, recording: Recording) -> Validation:
                 f"{recording.name}: the {what} is in {ours}, the model's in {theirs}: a model "
                 f"identified from recordings in {ours} is needed"
             )
+    check_scale(recording)
     known = ~recording.missing_drive
     channels = {}
     for name in channels_of(model):

@@ -4,6 +4,7 @@ for."""
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -101,3 +102,65 @@ def test_a_reader_that_has_gone_is_no_error() -> None:
         assert process.stderr is not None
         assert process.stderr.read() == ""
         assert process.wait(30.0) == 0
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        ("--help", "dehyst"),
+        ("--version", "dehyst"),
+        ("identify --help", "dehyst identify"),
+        ("drivers", "dehyst drivers"),  # printed by rich
+        ("drivers --json", "dehyst drivers"),  # more than fits the buffer of a stream
+        ("config init --range 0 100", "dehyst config"),
+        ("excite --range 0 75 --band 5 --duration 4 --json -o drive.csv", "dehyst excite"),
+    ],
+)
+def test_a_command_whose_output_is_lost_says_so_and_is_no_success(
+    words: str, name: str, unbuffered: str, tmp_path: Path
+) -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "dehyst.daemon.main", *words.split()],
+            env=BUFFERED | {"PYTHONUNBUFFERED": unbuffered},
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+            check=False,
+            cwd=tmp_path,
+        )
+    assert done.stderr == f"{name}: stdout: No space left on device\n"
+    assert done.returncode == 1
+    assert (tmp_path / "drive.csv").exists() == ("drive.csv" in words)
+
+
+@pytest.mark.parametrize("words", ["drivers", "drivers --json"])
+def test_a_reader_of_a_command_that_has_gone_is_no_error(words: str) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(
+        [sys.executable, "-m", "dehyst.daemon.main", *words.split()],
+        stdout=write,
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    os.close(write)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_where_nothing_can_be_said_the_exit_status_remains() -> None:
+    with open("/dev/full", "w") as full:
+        for words, code in (("drivers", 1), ("drivers nowhere", 2), ("drivers --nothing", 2)):
+            done = subprocess.run(
+                [sys.executable, "-m", "dehyst.daemon.main", *words.split()],
+                env=BUFFERED,
+                stdout=full,
+                stderr=full,
+                timeout=60,
+                check=False,
+            )
+            assert done.returncode == code, words

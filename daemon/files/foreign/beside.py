@@ -148,17 +148,20 @@ def wave_beside(name: str, notes: Mapping[str, str]) -> tuple[float, float] | No
     return (begins[0] if begins else 0.0, step) if step or begins else None
 
 
-def period_of_all(notes: Mapping[str, str], names: Sequence[str]) -> float:
-    """Return the sampling period [s] that a file states for all arrays, or else for any of them; 0
-    if none is stated, or two contradict each other."""
+def period_of_all(notes: Mapping[str, str], names: Sequence[str]) -> tuple[float, bool]:
+    """Return the sampling period [s] that a file states for all arrays, or else for any of them, 0
+    if none is stated, or two contradict each other; and whether it is that of some only."""
     fronts = tuple({front for name in names for front in _fronts(name)})
     general = {key: text for key, text in notes.items() if not key.startswith(fronts)}
-    return period_in(general) or period_in(notes)
+    period = period_in(general)
+    return period or period_in(notes), not period
 
 
 def _fronts(name: str) -> list[str]:
     """Return what the names of notes begin with that belong to one array, its own first."""
-    return [front for front in (f"{name}.", f"{name}/", f"{name}_", group_of(name)) if front[1:]]
+    group = group_of(name).rstrip("/.")  # of which HDF5 has attributes: "group.rate"
+    fronts = (f"{name}.", f"{name}/", f"{name}_", f"{group}.", f"{group}/")
+    return [front for front in fronts if front[1:]]
 
 
 def _beginning(key: str, text: str) -> float | None:

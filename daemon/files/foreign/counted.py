@@ -1,15 +1,20 @@
 """The times of rows that the file does not give a time each: from a rate, and from a counter of
-samples where rows were lost."""
+samples where rows were lost; and what else the file states of the pace of its rows."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dehyst.daemon.files.foreign.epochs import continued
+from dehyst.daemon.files.foreign.beside import group_of
+from dehyst.daemon.files.foreign.epochs import continued, never_falls
+from dehyst.daemon.files.foreign.fields import number_of
 from dehyst.daemon.files.foreign.found import Column, Draft, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
-from dehyst.daemon.files.foreign.roles import role_of_column
+from dehyst.daemon.files.foreign.roles import role_of_column, unit_of_column
+from dehyst.daemon.files.foreign.stated_step import SAME_STEP, SURELY_SECONDS
+from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
 from dehyst.models.recording import Floats
 
 _DIVIDED = re.compile(
@@ -19,6 +24,12 @@ _DIVIDED = re.compile(
 )
 """A number that may lie between the rate of a converter and that of the rows."""
 
+_PACE = re.compile(
+    r"(dt|ts|(?:sampl(?:e|ing)|time)?[ _]?(?:interval|period|step))"
+    r"|fs|rate|sampl(?:e|ing)[ _]?(?:rate|freq(?:uency)?)",
+    re.IGNORECASE,
+)
+"""A name that may be that of a sampling period, the group, or of a rate."""
 UNSET_S = 1.0
 """Period [s] of a waveform of LabVIEW for which none was set."""
 
@@ -87,3 +98,97 @@ def count_time(
             found.said.append(f"'{heading[:40]}' leaves out {lost} samples, and so do the times")
     elif not any("columns t=" in text or "no column holds times" in text for text in draft.asked):
         draft.asked.append("no column of times: add --rate HZ (rows a second), or --columns t=...")
+
+
+def note_contradictions(
+    columns: Sequence[Column],
+    chosen: Mapping[str, int],
+    found: Sheet,
+    reading: ReadOptions,
+    draft: Draft,
+) -> None:
+    """Say which times are used where the file states others: a unit in the heading of the times
+    that `--time-unit` replaces; a rate, a period, or times whose pace is not that of `--rate`; a
+    rate or a period next to times of another pace. Where the unit of the times is not given, ask
+    which is right."""
+    time = columns[chosen["t"]] if "t" in chosen and not reading.rate_hz else None
+    own = unit_of_column(time) if time is not None and not time.clock else ""
+    if time is not None and reading.time_unit and own not in ("", find_unit_key(reading.time_unit)):
+        found.said.append(
+            f"--time-unit {reading.time_unit} is used for '{time.heading[:40]}', whose heading "
+            f"says {own}"
+        )
+    used = _paces(draft.columns.get("t_s", np.empty(0)))
+    in_seconds = own or reading.time_unit or time is None or time.clock
+    others = _stated_paces([columns[i] for i in chosen.values()], found)
+    sure = bool(others)
+    others = others or _paces_by_name([columns[i] for i in chosen.values()], found)
+    if reading.rate_hz:
+        others += [
+            (f"'{column.heading[:40]}' gives", _paces(factor * np.asarray(column.values)))
+            for i, column in enumerate(columns)
+            if i not in chosen.values() and (factor := _seconds_in(column))
+        ]
+    for what, paces in others:
+        if min(*used, *paces) > 0.0 and not any(
+            abs(pace - one) <= SAME_STEP * one for pace in paces for one in used
+        ):
+            other, here = f"{what} {1.0 / paces[0]:.6g} Hz", f"{1.0 / used[0]:.6g} Hz"
+            if reading.rate_hz:
+                found.said.append(f"{other}, --rate {here}, which is used")
+            elif sure and not in_seconds:
+                draft.asked.append(
+                    f"{other}, the times without a unit, taken as seconds, {here}: add --time-unit "
+                    "s, ms or us, or --rate HZ"
+                )
+            else:
+                found.said.append(
+                    f"{other}, its times {here}: the times are used, as each row has its own "
+                    f"(--rate {1.0 / paces[0]:.6g} counts the rows instead)"
+                )
+
+
+def _stated_paces(taken: Sequence[Column], found: Sheet) -> list[tuple[str, tuple[float, ...]]]:
+    """Return (how the file states it, periods [s] of the rows that agree with it) for each period
+    that a file states for the columns that are taken, or for all."""
+    waves = {column.wave[1] for column in taken if column.wave and column.wave[1]}
+    if UNSET_S in waves:
+        return []
+    divisor = _divided_by(found.notes)[1]
+    steps = waves or ({found.step_s} if found.step_s and not found.of_some else set())
+    return [("the file states", (step, step * divisor)) for step in sorted(steps)]
+
+
+def _paces_by_name(taken: Sequence[Column], found: Sheet) -> list[tuple[str, tuple[float, ...]]]:
+    """Return the same for numbers next to the times that may be a period or a rate, in any unit."""
+    groups = {group_of(column.heading).rstrip("/.") for column in taken} | {""}
+    out: list[tuple[str, tuple[float, ...]]] = []
+    for key, text in found.notes.items():
+        group, value = group_of(key), number_of(text)
+        name = _PACE.fullmatch(key[len(group) :])
+        if name and group.rstrip("/.") in groups and value and 0.0 < value < math.inf:
+            step = value if name[1] else 1.0 / value
+            paces = tuple(step * unit for unit in (1.0, 1e-3, 1e-6, 1e-9))
+            out.append((f"the file states {name[0]} = {value:g}, perhaps", paces))
+    return out
+
+
+def _seconds_in(column: Column) -> float:
+    """Return the seconds in a unit of a column that gives times; 0 for any other column, or if its
+    unit is not given and may be another."""
+    if role_of_column(column) != "t" or not never_falls(column.values):
+        return 0.0
+    unit = "s" if column.clock else unit_of_column(column)
+    kind, _, factor = UNITS.get(unit, ("", "", 1.0))
+    return factor if kind == TIME or _paces(np.asarray(column.values))[0] < SURELY_SECONDS else 0.0
+
+
+def _paces(times: Floats) -> tuple[float, float]:
+    """Return the usual and the mean step of (N,) times, which differ where times are rounded or
+    pause; zeros if there is none."""
+    known = times[np.isfinite(times)]
+    steps = np.diff(known)
+    if not steps.size:
+        return 0.0, 0.0
+    mean = float(known[-1] - known[0]) / steps.size
+    return float(np.median(steps)) or mean, mean

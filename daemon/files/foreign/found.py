@@ -42,7 +42,7 @@ class Sheet:
     """Columns in the file's order; notes: by name; step_s: sampling period that the file states;
     start_s: time of its first row; said: further remarks on the format; where: describes the place
     of a row in the file; factor: words of its preamble that state one, or ""; blank: headings of
-    the columns that hold no number."""
+    the columns that hold no number; of_some: step_s is stated for some of the columns only."""
 
     columns: list[Column]
     notes: dict[str, str] = field(default_factory=dict)
@@ -52,6 +52,7 @@ class Sheet:
     where: Callable[[int], str] = field(default=lambda row: f"row {row + 1}")
     factor: str = ""
     blank: list[str] = field(default_factory=list)
+    of_some: bool = False
 
     def __post_init__(self) -> None:
         for i, column in enumerate(self.columns):

@@ -16,7 +16,7 @@ LINES_ABOVE = 4
 """Lines directly above the numbers among which names and units are looked for."""
 _LABELS = {
     "long name", "name", "names", "tracename", "trace name", "units", "unit", "vunit", "einheit",
-    "einheiten",
+    "einheiten", "channel names",
 }  # fmt: skip
 """What programs write in front of a line of names or units."""
 _ANNOUNCED = re.compile(
@@ -119,6 +119,7 @@ def find_names(
     if best is None:
         return Named([""] * numbers.width, [""] * numbers.width)
     line, header = near[best]
+    header = _completed(header, near[best - 1][1] if best else [], numbers.width)
     below = [""] if units is None else near[units][1]
     width = max(numbers.width, len(header))
     step_s, start_s = _beside(header, below, numbers.width)
@@ -130,6 +131,14 @@ def find_names(
         step_s,
         start_s,
     )
+
+
+def _completed(header: list[str], above: Sequence[str], width: int) -> list[str]:
+    """Return names; those that are missing are in the line above, as over merged fields."""
+    if len(header) != width or len(above) > width:
+        return header
+    over = [*above, *[""] * (width - len(above))]
+    return [n or (o if role_of(o, "")[0] else "") for n, o in zip(header, over, strict=True)]
 
 
 def _without_label(cells: list[str]) -> list[str]:

@@ -34,6 +34,13 @@ _TIME = {
     "elapsed",
     "seconds",
     "время",
+    "χρόνος",
+    "čas",
+    "czas",
+    "zaman",
+    "时间",
+    "時間",
+    "시간",
 }
 _TARGET = {
     "target", "setpoint", "soll", "sollwert", "reference", "desired", "commanded", "ref", "setpos",
@@ -49,13 +56,16 @@ _MEASURES = {
     "preamplifier", "messverstärker",
 }  # fmt: skip
 """Words of amplifiers that do not drive: "Charge amplifier (V)"."""
-_VOLTAGE = {"voltage", "volt", "volts", "spannung", "tension", "v", "напряжение"}
+_VOLTAGE = {
+    "voltage", "volt", "volts", "spannung", "tension", "v", "напряжение", "τάση", "napětí",
+    "napięcie", "gerilim", "电压", "電壓", "電圧", "전압",
+}  # fmt: skip
 _DISPLACEMENT = {
     "y", "displacement", "displ", "disp", "position", "pos", "weg", "auslenkung", "verschiebung",
     "stellweg", "sensor", "gauge", "elongation", "extension", "deflection", "stroke", "measured",
     "interferometer", "strain", "sgs", "capacitive", "vibrometer", "lvdt", "encoder", "deformation",
     "tilt", "angle", "output", "response", "ausgang", "dehnung", "position_measured", "travel",
-    "смещение", "перемещение",
+    "смещение", "перемещение", "μετατόπιση", "výchylka", "przemieszczenie", "位移", "変位", "변위",
 }  # fmt: skip
 _EITHER = {"measured", "output", "response", "ausgang"}
 """Words that stand for a displacement, unless a voltage is named beside them."""

@@ -2,13 +2,27 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from dehyst.daemon.files.foreign.fields import GROUPED, GROUPED_BY_POINTS, number_of
 from dehyst.daemon.files.foreign.headings import Row
 
 NUMBER, MISSING, TEXT = 1, 0, -1
+MOST_BELOW = 60
+"""Lines at the end of a file among which sums and notes are looked for."""
+_SUM = re.compile(
+    r"(?:(?:grand|sub) ?total|totals?|sum|means?|avg|averages?|arithmetic mean|median|min|max"
+    r"|minimum|maximum|st(?:andar)?d ?dev(?:iation)?|st ?dev|std|sd|sigma|variance|var|rms|range"
+    r"|span|counts?|peak(?: ?to ?| )peak|pk ?pk|p ?p|summe|gesamt|(?:mittel|durchschnitts)?wert"
+    r"|mittel|durchschnitt|standardabweichung|anzahl|spannweite|moyenne|somme|écart type|media"
+    r"|suma|promedio|desviación|среднее|сумма|итого|максимум|минимум|平均値?|平均值|合计|总计|合計"
+    r"|最大[值値]?|最小[值値]?|標準偏差|标准差|평균|합계|최대|최소)"
+    r"(?: (?:values?|wert|of .*|over .*))?",
+    re.IGNORECASE,
+)
+"""What the first field of a line of sums or statistics says, in letters apart by single blanks."""
 
 
 def kinds_of(row: Row, decimal: str) -> list[int]:
@@ -22,6 +36,62 @@ def length_of(row: Row) -> int:
     while size and (row[size - 1] is None or not str(row[size - 1]).strip()):
         size -= 1
     return size
+
+
+def is_sum(row: Row) -> bool:
+    """Return whether a row begins with the word of a sum or another figure of a column: "Mean:"."""
+    plain = re.sub(r"[\W_]+", " ", re.split(r"[(\[=:]", str(_first_of(row))[:60])[0])
+    return bool(_SUM.fullmatch(plain.strip()))
+
+
+def rows_below(rows: Sequence[Row], decimal: str) -> int:
+    """Return how many of the last rows (up to MOST_BELOW, some of which may be empty) are no
+    samples: sums and other figures of the columns, which begin with a word, at least one with that
+    of a sum; or notes, which begin with words and have fewer fields than the samples."""
+    last = rows[-MOST_BELOW:]
+
+    def walk(belongs: Callable[[Row], bool]) -> int:
+        back = enumerate(reversed(last))
+        return next((i for i, row in back if not (_is_blank(row) or belongs(row))), len(last))
+
+    below = walk(lambda row: _begins_with_word(row, decimal) or _begins_empty(row))
+    if below == len(last):  # a column of words is the first
+        below = walk(is_sum)
+        below = 0 if any(map(is_sum, last[: len(last) - below])) else below
+    while below and (_is_blank(last[-below]) or not _begins_with_word(last[-below], decimal)):
+        below -= 1
+    here = [row for row in last[len(last) - below :] if not _is_blank(row)]
+    if not here or below == len(last):
+        return 0
+    width = length_of(next(row for row in reversed(last[:-below]) if length_of(row)))
+    notes = max(map(length_of, here)) < width
+    notes = notes and any(NUMBER in kinds_of(row, decimal) for row in here)
+    return below if notes or any(map(is_sum, here)) else 0
+
+
+def note_below(rows: Sequence[Row], place: str) -> str:
+    """Return the remark on rows below the numbers that are left out. place: of the first."""
+    lines = [row for row in rows if not _is_blank(row)]
+    count = "1 line" if len(lines) == 1 else f"{len(lines)} lines"
+    what = "sums or means" if any(map(is_sum, lines)) else "notes"
+    first = str(_first_of(lines[0])).strip()
+    return f"{count} of {what} below the numbers left out, the first ({first[:20]!r}) in {place}"
+
+
+def _first_of(row: Row) -> Any:
+    return next((cell for cell in row if cell is not None and str(cell).strip()), None)
+
+
+def _is_blank(row: Row) -> bool:
+    return str(_first_of(row) or "").lstrip()[:1] in ("", "#", "%", "!")
+
+
+def _begins_with_word(row: Row, decimal: str) -> bool:
+    return kinds_of([_first_of(row)], decimal) == [TEXT]
+
+
+def _begins_empty(row: Row) -> bool:
+    return row[0] is None or not str(row[0]).strip()
 
 
 @dataclass

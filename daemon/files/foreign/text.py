@@ -21,6 +21,7 @@ from dehyst.daemon.files.csv_table import (
     is_missing,
 )
 from dehyst.daemon.files.foreign.affixes import bare_numbers
+from dehyst.daemon.files.foreign.encoding import decode_text
 from dehyst.daemon.files.foreign.fields import GROUPED_APART
 from dehyst.daemon.files.foreign.found import Sheet
 from dehyst.daemon.files.foreign.grid import (
@@ -37,8 +38,15 @@ from dehyst.daemon.files.foreign.long import refuse_next_variable
 from dehyst.daemon.files.foreign.lvm import is_lvm, read_lvm
 from dehyst.daemon.files.foreign.paired import name_pairs
 from dehyst.daemon.files.foreign.roles import role_of
-from dehyst.daemon.files.foreign.runs import NUMBER, find_decimal, kinds_of, score
-from dehyst.daemon.files.foreign.units import find_unit_key
+from dehyst.daemon.files.foreign.runs import (
+    MOST_BELOW,
+    NUMBER,
+    find_decimal,
+    kinds_of,
+    note_below,
+    rows_below,
+    score,
+)
 from dehyst.daemon.files.number_text import MOST_OTHERS, ends_inside_number
 from dehyst.daemon.printable import printable
 from dehyst.models.errors import BadRecording
@@ -53,9 +61,6 @@ SEPARATORS = (
     ("", "blanks"),
     ("|", "bars"),
 )
-REGIONAL = ("cp1252", "cp1251", "cp932", "gb18030")
-"""Encodings of Windows in western Europe, eastern Europe, Japan and China; the first in doubt."""
-MARKS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 
 
 def read_bytes(path: Path) -> bytes:
@@ -78,46 +83,21 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-def decode_text(name: str, data: bytes) -> str:
-    """Decode text in the usual encodings. Raises BadRecording if it is not text."""
-    for mark, encoding in MARKS:
-        if data.startswith(mark):
-            try:
-                return data.decode(encoding)
-            except UnicodeDecodeError:
-                raise BadRecording(f"{name}: is not whole {encoding} text") from None
-    head = data[:4096]
-    if b"\0" in head:
-        for encoding, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[::2])):
-            if len(zeros) > 8 and zeros.count(0) > 0.9 * len(zeros):
-                return data.decode(encoding, errors="replace")
-    if b"\0" in data:
-        line = data[: data.index(b"\0")].count(b"\n") + 1
-        raise BadRecording(
-            f"{name}: line {line} holds a zero byte: not a text file, or one whose writer was "
-            "stopped: delete that line and what follows (of a recording of dehyst's own, convert "
-            "--unfinished keeps what is before)"
-        )
-    try:
-        return data.decode("utf-8")
-    except UnicodeDecodeError:
-        return data.decode(_encoding_of_units(head), errors="replace")
-
-
-def _encoding_of_units(head: bytes) -> str:
-    """Return the regional encoding in which most of the words with letters beyond ASCII at the
-    begin of a text are units; that of western Windows if none is."""
-
-    def units(encoding: str) -> int:
-        words = re.split(r"[][(){},;\t\r\n/]+", head.decode(encoding, errors="replace"))
-        return sum(not word.isascii() and bool(find_unit_key(word)) for word in words)
-
-    return max(REGIONAL, key=units)
-
-
 def read_text_table(path: Path) -> Sheet:
     """Return the columns of a text file. Raises BadRecording naming the line."""
-    return understand_text(path.name, decode_text(path.name, read_bytes(path)))
+    text, remark = decode_text(path.name, read_bytes(path))
+    found = understand_text(path.name, text)
+    found.said += [remark] if remark else []
+    return found
+
+
+def ends_in_other_rows(path: Path) -> bool:
+    """Return whether sums or notes follow the numbers of a comma-separated text."""
+    try:
+        end = read_bytes(path)[-LONGEST_LINE:].decode("utf-8", errors="replace")
+    except BadRecording:
+        return False
+    return bool(rows_below([line.split(",") for line in end.splitlines()], "."))
 
 
 def understand_text(
@@ -127,6 +107,7 @@ def understand_text(
     decimal: as the file states them."""
     lines = text.removesuffix(END_OF_FILE).replace("\r\n", "\n").replace("\r", "\n").split("\n")
     _join_quoted(lines)
+    _join_labelled(lines)
     name_pairs(lines)
     cut = above + len(lines) if lines[-1].strip() else 0  # without an end, so possibly not whole
     if is_lvm(lines):
@@ -167,6 +148,8 @@ def understand_text(
     unclear = ""
     if decimal not in (".", ",") or not score(rows, decimal)[0]:
         decimal, unclear = find_decimal(rows + later, habit="," if separator == ";" else "")
+    if left := _cut_rows_below(lines, split, decimal, above):
+        rows, cut = rows[: sum(place < len(lines) for place in places)], 0
     names = partial(_ways_to_name, sample, separator)
     layout = lay_out(name, rows, decimal, names)
     layout.unclear = unclear
@@ -188,9 +171,21 @@ def understand_text(
                 f"{lines_of} of numbers after a comment mark left out, the first in line "
                 f"{above + marked[0] + 1}"
             )
+    found.said += [left] if left else []
     if cut:
         found.said.append(f"line {cut}, the last, is cut short and left out")
     return found
+
+
+def _cut_rows_below(
+    lines: list[str], split: Callable[[str], list[str]], decimal: str, above: int
+) -> str:
+    """Remove sums and notes below the numbers. Return a remark on them, "" if there are none."""
+    last = [split(line) for line in lines[-MOST_BELOW:]]
+    if not (below := rows_below(last, decimal)):
+        return ""
+    del lines[-below:]
+    return note_below(last[-below:], f"line {above + len(lines) + 1}")
 
 
 def _join_quoted(lines: list[str]) -> None:
@@ -202,6 +197,18 @@ def _join_quoted(lines: list[str]) -> None:
             if sum(line.count('"') for line in lines[i : i + MOST_BROKEN]) % 2:
                 return  # a quote that nothing closes
             lines[i], lines[j] = f"{lines[i]} {lines[j]}", ""
+
+
+def _join_labelled(lines: list[str]) -> None:
+    """Join lines of the head of which one is a label ("dt:") and the next its values, as
+    SignalExpress writes them; empty lines take their places. Numbers after the last label are the
+    samples."""
+    for i in range(min(len(lines) - 2, HEAD)):
+        label, values, after = (line.strip() for line in lines[i : i + 3])
+        mark = next((mark for mark in "\t;," if mark in values), "\t")
+        ends = [text.endswith(":") for text in (label, values, after)]
+        if ends == [True, False, True] and values and mark not in label:
+            lines[i], lines[i + 1] = f"{label[:-1]}{mark}{values}", ""
 
 
 def _is_cut(last: Sequence[str], before: Sequence[Sequence[str]], decimal: str) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 from dehyst.daemon.files.foreign.blank import refuse_blank
 from dehyst.daemon.files.foreign.choice.advice import describe_column
 from dehyst.daemon.files.foreign.choice.choose import choose_columns, groups_of, path_of
-from dehyst.daemon.files.foreign.counted import count_time
+from dehyst.daemon.files.foreign.counted import count_time, note_contradictions
 from dehyst.daemon.files.foreign.epochs import continued, is_packed_clock, join_clocks
 from dehyst.daemon.files.foreign.found import Column, Draft, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
@@ -101,6 +101,7 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
         _keep_as(channel, columns[chosen[channel]], draft)
     if found.factor:
         _ask_of_factor(found.factor, chosen, reading, draft.asked)
+    note_contradictions(columns, chosen, found, reading, draft)
     if draft.asked:
         raise BadRecording(f"{name}: {'; '.join(draft.asked)}")
     others = _other_runs(columns, [*chosen.values()])
@@ -186,9 +187,6 @@ def _take_time(
         return
     if column.clock:  # converted to seconds, whatever unit its heading gives
         unit = "s"
-    own = unit_of_column(column)
-    if reading.time_unit and own not in ("", unit) and not column.clock:
-        label += f", whose heading says {own}"
     if not reading.time_unit and not column.clock and (stated := _stated(column)):
         is_factor = is_other_unit(stated) and states_factor(stated)
         what = "is not applied" if is_factor else "is not a known unit of time"

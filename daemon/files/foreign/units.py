@@ -2,6 +2,7 @@
 
 import math
 import re
+import unicodedata
 from dataclasses import dataclass
 
 TIME, VOLTAGE, LENGTH, ANGLE, COUNTS, OTHER = (
@@ -98,6 +99,8 @@ def find_unit_key(text: str) -> str:
     given = text.strip().strip("[](){}<>").partition(" since ")[0].strip()
     for micro in _MICRO:
         given = given.replace(micro, "u")
+    if not given.isascii():  # "㎛", "Ｖ"
+        given = unicodedata.normalize("NFKC", given).replace("μ", "u")
     given = _OTHER_SCRIPTS.get(given, given)
     plain = given.lower()
     if plain in CASE_DECIDES and given[0].isupper() and (plain == "mv" or not given.isupper()):
@@ -106,15 +109,17 @@ def find_unit_key(text: str) -> str:
     return plain if plain in UNITS else ""
 
 
-_MICRO = ("$\\mu$", "\\mu ", "\\mu{}", "\\mu", "Âµ", "µ", "μ")
-"""The sign for micro, in LaTeX, and as it looks if UTF-8 was read as Latin-1."""
+_MICRO = ("\\g(m)", "$\\mu$", "\\mu ", "\\mu{}", "\\mu", "Âµ", "µ", "μ")
+"""The sign for micro, in Origin, in LaTeX, and as it looks if UTF-8 was read as Latin-1."""
 _WIDE = str.maketrans("（）［］，：｜", "()[],:|")
 """Marks as they are written in China and Japan."""
 _OTHER_SCRIPTS = {
     "с": "s", "мс": "ms", "мкс": "us", "нс": "ns", "В": "V", "мВ": "mV", "кВ": "kV", "м": "m",
     "мм": "mm", "мкм": "um", "нм": "nm", "秒": "s", "毫秒": "ms", "微秒": "us", "伏": "V",
     "毫伏": "mV", "千伏": "kV", "毫米": "mm", "微米": "um", "纳米": "nm",
-    "ミリ秒": "ms", "マイクロ秒": "us", "ナノ秒": "ns", "sn": "s",
+    "ミリ秒": "ms", "マイクロ秒": "us", "ナノ秒": "ns", "ボルト": "V", "マイクロメートル": "um",
+    "ナノメートル": "nm", "伏特": "V", "초": "s", "밀리초": "ms", "볼트": "V", "밀리볼트": "mV",
+    "마이크로미터": "um", "나노미터": "nm", "sn": "s",
 }  # fmt: skip
 _BRACKETS = re.compile(r"[\[({<]([^\[\](){}<>]*)(?:[\])}>]|$)")
 _FACTOR = re.compile(r"[x×*·/÷^:]\s*\d|\d\s*[x×*·/÷^]|\de[+-]?\d|[.,]\d|^div.*\d", re.IGNORECASE)
@@ -176,7 +181,7 @@ class Heading:
 def read_heading(text: str) -> Heading:
     """Find the unit in a heading: "Time (s)", "U / V", "t_ms", "Displacement [um]". A number that
     makes a repeated heading unique ("Voltage (mV).2") is not part of it."""
-    text = text.translate(_WIDE).strip().strip("\"'").strip()
+    text = text.translate(_WIDE).replace("\\g(m)", "µ").strip().strip("\"'").strip()
     if len(text) > LONGEST_HEADING:  # matching time grows with the square of the length
         return Heading(text)
     plain = _REPEATED.sub("", text)

@@ -20,7 +20,7 @@ import numpy as np
 
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.errors import BadRecording, DehystError
-from dehyst.models.identify.data.rows import read_rows
+from dehyst.models.identify.data.rows import check_scale, read_rows
 from dehyst.models.identify.setup import set_up
 from dehyst.models.identify.start import start_agrees
 from dehyst.models.recording import Recording, typical_step
@@ -152,6 +152,7 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
             raise BadRecording(
                 f"{one.name}: no displacement column (y_um, ...); a diagnosis compares with it"
             )
+        check_scale(one)
         laid = lay_on_grid(one)
         n = laid.u.size
         there = laid.raw >= 0

@@ -30,6 +30,10 @@ FROZEN = (
     "{} of {} readings stay exactly the same while the drive moves: the gauge is stuck or at its "
     "limit there; they were left out"
 )
+SMALLEST, LARGEST = 1e-9, 1e10
+"""Range of a drive or a displacement, in its unit, between which it can be a stage's: a thousandth
+of what the finest gauges show (1 pm, 1 nrad), and more than a counter of 32 bits counts. Beyond it
+the unit is wrong, and the fit would lose its digits."""
 SWEPT = 0.9
 """Share of a recording's drive range that the drive has to sweep before its memory is known."""
 
@@ -114,6 +118,7 @@ def _require_size(name: str, size: int) -> None:
 def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]) -> None:
     name, unit = recording.name, spell_unit(recording.drive_unit)
     low, high = float(np.nanmin(u)), float(np.nanmax(u))
+    check_scale(recording)
     if high - low <= 1e-9 * max(1.0, abs(high)):
         raise BadRecording(
             f"{name}: the drive stays at {low:.6g} {unit} throughout; nothing can be identified; "
@@ -139,6 +144,24 @@ def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]
             f"{name}: the drive comes back over only {min(rise, fall) / (high - low):.0%} of its "
             "range; the rest of the loop is extrapolated"
         )
+
+
+def check_scale(recording: Recording) -> None:
+    """Raise BadRecording if the drive or the displacement moves, but by less or more than that of
+    any stage. A few wild readings do not count."""
+    for what, values, unit in (
+        ("drive", recording.drive, spell_unit(recording.drive_unit)),
+        ("displacement", recording.displacement, recording.displacement_unit),
+    ):
+        known = np.zeros(0) if values is None else values[np.isfinite(values)]
+        low, high = np.quantile(known, (0.005, 0.995), method="nearest") if known.size else (0, 0)
+        span = float(high) - float(low)
+        if span > 0.0 and not SMALLEST <= span <= LARGEST:
+            raise BadRecording(
+                f"{recording.name}: the {what} moves over {span:.3g} {unit} in all, which is too "
+                f"{'small' if span < SMALLEST else 'large'} for a stage: check the unit and the "
+                "factor of this column"
+            )
 
 
 def _without_jumps(t: Floats, u: Floats, span: float) -> Floats:

@@ -168,7 +168,18 @@ def test_nothing_is_printed_and_what_is_given_stays_as_it_is(
         (lambda: dehyst.invert("paper-eq12", [0, 1e-3], [1, np.nan]), "target_um is missing"),
         (lambda: dehyst.invert("paper-eq12", [0, 1, 3], [1, 2, 2]), "period"),
         (lambda: dehyst.invert("paper-eq12", [0, 1], [1, 2], mode="causal"), "preview"),
-        (lambda: dehyst.invert("paper-eq12", [0, 1], [1, 2], start=np.nan), "start"),
+        (lambda: dehyst.invert("paper-eq12", [0, 1], [1, 2], start=np.nan), "start=nan"),
+        (lambda: dehyst.invert("paper-eq12", [0, 1], [1, 2], start=np.inf), "start=inf: not a fin"),
+        (lambda: dehyst.invert("paper-eq12", [0, 1], [1, 2], low=-np.inf), "low=-inf: not a fin"),
+        (lambda: dehyst.invert("paper-eq12", [0, 1], [1, 2], slew=0.0), "slew=0: must be greater"),
+        (lambda: dehyst.invert("paper-eq12", [0, 1, 3], [1, 2, 2]), "give period to resample"),
+        (lambda: dehyst.identify([0, 1], [0, 1], [0, 1], order=1.5), "order=1.5: must be a whole"),
+        (lambda: dehyst.identify([0, 1], [0, 1j], [0, 1]), "t_s, drive, displacement"),
+        (lambda: dehyst.validate([], [0, 1], [0, 1], [0, 1]), "no model was given"),
+        (
+            lambda: dehyst.simulate("paper-eq12", {"t_s": [0, 1]}, {"t_s": [0, 1]}),
+            "no drive column",
+        ),
     ],
 )
 def test_what_cannot_be_taken_is_refused_in_one_line(call: Any, says: str) -> None:

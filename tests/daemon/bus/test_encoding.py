@@ -18,7 +18,7 @@ from dehyst.daemon.rings.records import TELEMETRY
 ID = st.integers(0, 2**63 - 1)
 SETPOINT = st.builds(
     messages.Setpoint,
-    client=ID,
+    client=st.integers(1, 2**63 - 1),
     lease=ID,
     sequence=ID,
     sent_ns=st.integers(-(2**63), 2**63 - 1),
@@ -139,6 +139,24 @@ def test_what_is_wrong_is_named(change: dict, says: str) -> None:
     good = messages.Setpoint(client=1, lease=2, sequence=3, sent_ns=4, value=5.0, unit="um")
     payload = msgpack.packb(msgpack.unpackb(encoding.encode(good)) | change)
     with pytest.raises(encoding.BadMessage, match=says):
+        encoding.decode_command(payload)
+
+
+@pytest.mark.parametrize(
+    ("good", "field"),
+    [
+        (messages.Setpoint(client=1, lease=2, sequence=3, sent_ns=4, value=5.0, unit=""), "client"),
+        (messages.Request(client=1, lease=2, sent_ns=4, action="acquire"), "client"),
+        (messages.Request(client=1, lease=2, sent_ns=4, action="stop"), "client"),
+        (chunk(np.arange(3), np.zeros(3)), "client"),
+        (chunk(np.arange(3), np.zeros(3)), "trajectory"),
+    ],
+)
+def test_a_number_that_the_sender_chooses_is_never_0(good: msgspec.Struct, field: str) -> None:
+    """It is a bad message: no lease and no order would make it a good one."""
+    encoding.decode_command(encoding.encode(good))
+    payload = msgpack.packb(msgpack.unpackb(encoding.encode(good)) | {field: 0})
+    with pytest.raises(encoding.BadMessage, match=rf">= 1 .*{field}"):
         encoding.decode_command(payload)
 
 

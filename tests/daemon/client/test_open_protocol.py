@@ -8,7 +8,7 @@ SERVERS = (("epics",), ("serve", "--as", "gcs"))
 
 
 @pytest.mark.parametrize("server", SERVERS, ids=lambda words: words[0])
-@pytest.mark.parametrize("tolerance", ["nan", "inf", "-0.1"])
+@pytest.mark.parametrize("tolerance", ["-0.1", "-1e-9"])
 def test_a_tolerance_that_no_stage_can_meet_is_refused(
     capsys: pytest.CaptureFixture[str], server: tuple[str, ...], tolerance: str
 ) -> None:

@@ -1,6 +1,7 @@
 """A trajectory that is played repeatedly, and what is learned from its telemetry."""
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,22 @@ def test_points_that_are_far_apart_are_sent_in_short_steps(
 def test_times_that_are_not_in_seconds_are_refused() -> None:
     with pytest.raises(BadInput, match="takes 231 days: are its times in seconds"):
         Repeated([0.0, 1e7, 2e7], [1.0, 2.0, 1.0])
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("times", "says"),
+    [
+        ([0.0, math.nan, 1.0], "must be finite and strictly increase"),
+        ([0.0, 1.0, math.inf], "must be finite and strictly increase"),
+        ([0.0, -1.0, 2.0], "must be finite and strictly increase"),
+        ([0.0, 1.0, 1e300], "are its times in seconds"),
+        ([0.0, -1e300, 1.0], "must be finite and strictly increase"),
+    ],
+)
+def test_times_that_are_none_are_refused_without_a_warning(times: list[float], says: str) -> None:
+    with pytest.raises(BadInput, match=says):
+        Repeated(times, [1.0, 2.0, 1.0])
 
 
 def test_one_without_an_end_ends_with_its_pass() -> None:

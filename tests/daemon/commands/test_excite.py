@@ -53,6 +53,48 @@ def test_bad_usage_is_one_line(arguments, words, tmp_path, monkeypatch, capsys):
     assert shown.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["excite", "--range", "0", "1e7", "--band", "5", "--duration", "9"], "beyond 10000 V"),
+        (["excite", "--range", "0", "1e300", "--band", "5", "--duration", "9"], "--range: 1e300"),
+        (["excite", "--range", "-2e6", "0", "--unit", "um", "--band", "5", "--duration", "9"],
+         "beyond 1e+06 "),
+        (["excite", "--range", "0", "100", "--band", "5", "--duration", "1e9"],
+         "at most 5000000 are written, so at most 5e+03 s"),
+        (["excite", "--separate", "lag", "delay", "--range", "0", "1e5"], "beyond 10000 V"),
+        (["excite", "--separate", "lag", "delay", "--range", "0", "9", "--duration", "1e9"],
+         "--duration 1e+09"),
+        (["config", "init", "--range", "0", "1e5"], "beyond 10000 V"),
+        (["setup", "folder", "--yes", "--range", "0", "1e5"], "beyond 10000 V"),
+        (["scan", "raster", "--size", "1e7", "10"], "beyond 1e+06 "),
+        (["scan", "spiral", "--radius", "1e7"], "beyond 1e+06 "),
+        (["scan", "raster", "--size", "9", "9", "--center", "0", "-1e9"], "beyond 1e+06 "),
+    ],
+)  # fmt: skip
+def test_what_no_stage_can_do_is_refused_and_nothing_is_written(
+    arguments, words, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    out = [] if arguments[0] == "setup" else ["-o", "out.csv"]
+    try:
+        code = main([*arguments, *out])
+    except SystemExit as ended:
+        code = ended.code
+    assert code == 2
+    shown = capsys.readouterr().err
+    assert words in shown
+    assert shown.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_largest_range_makes_no_warning(tmp_path):
+    out = str(tmp_path / "drive.csv")
+    arguments = ["excite", "--range", "-10e3", "10e3", "--band", "5", "--duration", "9"]
+    assert main([*arguments, "-o", out]) == 0
+
+
 CONFIG = """
 name = "s"
 model = {file = "m.toml"}

@@ -30,7 +30,6 @@ from dehyst.models.modelfile import dumps
     ("words", "says"),
     [
         (["--range", "100", "0"], "give the lowest voltage first"),
-        (["--range", "nan", "5"], "give the lowest voltage first"),
         (["--range", "5", "5"], "give the lowest voltage first"),
         (["--range", "0", "100", "--slew", "-1"], "a rate in V/s, greater than 0"),
         (["--range", "0", "100", "--rate", "0"], "a sampling rate in Hz, greater than 0"),

@@ -68,9 +68,7 @@ def test_targets_out_of_reach_give_exit_1(tmp_path: Path) -> None:
         (["--period", "-1"], "--period"),
         (["--period", "100"], "--period 100: longer than the trajectory, which takes"),
         (["--slew", "0"], "--slew 0: must be greater than 0"),
-        (["--slew", "nan"], "--slew nan: must be greater than 0"),
         (["--preview", "-1"], "--preview -1: must be from 0 to 60 s"),
-        (["--start", "inf"], "--start inf: not a finite drive"),
     ],
 )
 def test_bad_arguments_are_one_line(

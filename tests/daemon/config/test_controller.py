@@ -110,8 +110,12 @@ def test_a_command_for_one_axis_asks_which(tmp_path: Path) -> None:
     [
         ("[axis.y]", "[axis.y]\nloop.rate_hz = 10.0", "axis y: `loop` is for all axes"),
         ("[axis.y]", "[axis.y]\nname = 'other'", "axis y: `name` is for all axes"),
-        ("[axis.y]", "[axis.y]\nlimmits = 1", "axis y: Object contains unknown field `limmits`"),
-        ("[loop]", "[loops]", "unknown field `loops`"),
+        (
+            "[axis.y]",
+            "[axis.y]\nlimmits = 1",
+            "unknown key axis.y.limmits; known keys of [axis.y]: model",
+        ),
+        ("[loop]", "[loops]", "unknown key loops; known keys at top level: name"),
         ("[axis.y]", "[axis.y]\nlimits.min_v = 120.0", "axis y: limits.max_v must be greater"),
         ("[axis.y]", "[axis.Y]", "axis 'Y': a name has"),
         ("[axis.y]", "[axis.longername]", "axis 'longername': a name has"),
@@ -124,7 +128,7 @@ def test_a_command_for_one_axis_asks_which(tmp_path: Path) -> None:
         ),
         ('{{axis = "x", q', '{{axis = "y", q', "channels.u1_v follows its own axis"),
         ('{{axis = "x", q', "{{q", "channels.u1_v needs one of `driver`"),
-        ('name = "stage-1"', "", "missing required field `name`"),
+        ('name = "stage-1"', "", "the key name is missing"),
         ("[axis.z]", "[axis]\nw = 3\n[axis.z]", "axis.w must be a table"),
     ],
 )

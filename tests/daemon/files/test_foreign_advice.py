@@ -200,16 +200,16 @@ def test_the_preamble_of_tektronix_beside_the_numbers(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("blank", [True, False])
-def test_the_labels_of_signalexpress_are_no_rows(tmp_path: Path, blank: bool) -> None:
-    """Each label names what stands in the next line: the period is no row of the numbers."""
+def test_the_labels_of_signalexpress_name_the_next_line(tmp_path: Path, blank: bool) -> None:
+    """The period is no row of the numbers, but that of the rows; the names are headings."""
     head = ["channel names:", '"Dev1_ai0","Dev1_ai1"', "start times:"]
     head += ["03/05/2024 14:05:11.250,03/05/2024 14:05:11.250", "dt:", "0.005,0.005", "data:"]
     tabs = [line.replace(",", "\t") + "\t" * blank for line in head]
     body = [f"{u}\t{y}" for u, y in zip(U, Y, strict=True)]
     path = tmp_path / "a.txt"
     path.write_text("\n".join([*tabs, *body]) + "\n")
-    assert advised(asked(path)) == {"u": 0, "y": 1}
-    is_it(read(path, columns={"u": 0, "y": 1}, unit="um", rate_hz=200.0))
+    assert advised(asked(path)) == {"u": "Dev1_ai0", "y": "Dev1_ai1"}
+    is_it(read(path, columns={"u": 0, "y": 1}, unit="um"))
 
 
 def test_an_alarm_beside_each_channel_of_a_data_logger(tmp_path: Path) -> None:

@@ -367,6 +367,7 @@ UNITS = {
     "R": ["Time..s.", "Voltage..mV.", "Displacement..um."],
     "LaTeX": ["$t$ [s]", "$U$ [mV]", "Displacement [$\\mu$m]"],
     "LaTeX, text": ["t [s]", "U [mV]", "Displacement [\\mu m]"],
+    "Origin": ["t (s)", "U (mV)", "Displacement (\\g(m)m)"],
     "UTF-8 as Latin-1": ["t (s)", "U (mV)", "Displacement (Âµm)"],
 }
 

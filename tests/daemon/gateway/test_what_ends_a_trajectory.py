@@ -8,6 +8,7 @@ from tests.rigs.gate import Gate, S, grid
 from dehyst.daemon.client.client import Refusal
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.lease import Lease
+from dehyst.daemon.option_words import at_command_line
 from dehyst.daemon.rings.records import COMMAND, LoopCommand
 
 
@@ -159,4 +160,7 @@ def test_a_taken_lease_is_refused_with_what_to_do(gate: Gate) -> None:
     reply = gate.request(2, "acquire")
     said = str(Refusal(reply.code, reply.text))
     assert "first commands this daemon" in said
-    assert said.endswith(": wait, or take over with take_over() or --take-over [lease-taken]")
+    assert said.endswith(": wait, or take over with take_over() [lease-taken]")
+    with at_command_line():
+        said = str(Refusal(reply.code, reply.text))
+    assert said.endswith(": wait, or take over with --take-over [lease-taken]")

@@ -70,6 +70,20 @@ CHANGES = [
     *room(
         MESSAGE_TESTS,
         Change(
+            "trajectory-zero",
+            "daemon/bus/messages.py",
+            "    trajectory: Chosen\n",
+            "    trajectory: Id\n",
+            "a trajectory without a number cannot be distinguished from none",
+        ),
+        Change(
+            "nobody-is-a-client",
+            "daemon/bus/messages.py",
+            "Chosen = Annotated[int, Meta(ge=1, ",
+            "Chosen = Annotated[int, Meta(ge=0, ",
+            "a client without a number is refused for its lease, or holds one that counts as none",
+        ),
+        Change(
             "loose-types",
             ENCODING,
             "kind, strict=True,",

@@ -77,8 +77,8 @@ CHANGES = room(
         "return (", "a channel of TwinCAT that is still to be scaled is read as it is",
     ),
     Change(
-        "regions-read-as-western", f"{FOREIGN}/text.py",
-        "return max(REGIONAL, key=units)", 'return "cp1252"',
+        "regions-read-as-western", f"{FOREIGN}/encoding.py",
+        "    if encoding := find_encoding(data):\n", '    if encoding := "cp1252":\n',
         "a displacement in micrometres under Cyrillic or Japanese headings is not found",
     ),
     Change(
@@ -161,5 +161,92 @@ CHANGES = room(
         "or (even and not clock):", "or False:",
         "a counter of 16 bits that begins at 0 is cut in two where it starts again",
         ("tests/daemon/files/test_odd_habits.py",),
+    ),
+)  # fmt: skip
+
+ENCODING, COUNTED = f"{FOREIGN}/encoding.py", f"{FOREIGN}/counted.py"
+
+CHANGES += room(
+    ("tests/daemon/files/test_encodings.py",),
+    Change(
+        "garbled-letters-name-columns", ENCODING,
+        'return best if letters >= 0 and (sure or not rivals) else ""', "return best",
+        "headings in Hebrew are shown, and advised, as Cyrillic or as accents",
+    ),
+    Change(
+        "letters-swapped-in-case", ENCODING, "- 2 * _changes_case(letters), signs", ", signs",
+        "a short heading in KOI8-R is not recognised, because that of Windows has as usual letters",
+    ),
+    Change(
+        "first-encoding-that-decodes", ENCODING,
+        "= max(looks, key=lambda look: look[0], default=", "= next(iter(looks), ",
+        "headings in Russian, Greek, Chinese, Japanese and Korean are garbled",
+    ),
+) + room(
+    ("tests/daemon/files/test_contradictions.py",),
+    Change(
+        "unit-of-an-option-unsaid", COUNTED,
+        'if time is not None and reading.time_unit and own not in ("", find_unit_key(',
+        'if False and time is not None and own not in ("", find_unit_key(',
+        "--time-unit s reads times in milliseconds a thousand times too long, silently",
+    ),
+    Change(
+        "rate-of-an-option-unsaid", COUNTED,
+        'found.said.append(f"{other}, --rate {here}, which is used")', "pass",
+        "--rate 1000 replaces the 200 Hz that the file states, silently",
+    ),
+    Change(
+        "rate-next-to-times-unsaid", COUNTED,
+        "steps = waves or ({found.step_s} if found.step_s and",
+        "steps = waves or ({found.step_s} if False and",
+        "a rate that its times contradict is passed over",
+    ),
+    Change(
+        "times-without-a-unit-against-a-rate", COUNTED,
+        "elif sure and not in_seconds:", "elif False:",
+        "times in milliseconds are taken as seconds, although the file states the rate",
+    ),
+) + room(
+    ("tests/daemon/files/test_sums_below.py",),
+    Change(
+        "sums-are-rows", f"{FOREIGN}/text.py",
+        "    if not (below := rows_below(last, decimal)):\n", "    if True:\n",
+        "a file with a mean below its numbers is refused, or the mean becomes a row",
+    ),
+    Change(
+        "sums-of-a-sheet-are-rows", f"{FOREIGN}/containers/libraries.py",
+        'if size := rows_below(rows, "."):', "if size := 0:",
+        "a spreadsheet with totals below its numbers is refused",
+    ),
+    Change(
+        "sums-below-own-names", "daemon/files/loading.py",
+        "        if not ends_in_other_rows(path):\n", "        if True:\n",
+        "a recording below which somebody wrote the mean is refused",
+    ),
+    Change(
+        "words-are-sums", f"{FOREIGN}/runs.py",
+        "return below if notes or any(map(is_sum, here)) else 0", "return below",
+        "damaged rows at the end are left out as if they were sums",
+    ),
+    Change(
+        "factor-of-a-sheet-lost", f"{FOREIGN}/containers/apart.py",
+        '        "factor": text_of(found.factor),\n', "",
+        "the gain that a spreadsheet states above its numbers is passed over",
+        ("tests/daemon/files/test_contradictions.py",),
+    ),
+    Change(
+        "notes-below-are-rows", f"{FOREIGN}/runs.py",
+        "notes = max(map(length_of, here)) < width", "notes = False",
+        "a file that states its number of samples below its numbers is refused",
+    ),
+    Change(
+        "names-over-merged-fields-lost", f"{FOREIGN}/headings.py",
+        'return [n or (o if role_of(o, "")[0] else "")', 'return [n or ""',
+        "the times under a heading of two lines have no name",
+    ),
+    Change(
+        "labelled-names-unread", TEXT, "    _join_labelled(lines)\n", "",
+        "names and period of a file of SignalExpress are asked for",
+        ("tests/daemon/files/test_foreign_advice.py",),
     ),
 )  # fmt: skip

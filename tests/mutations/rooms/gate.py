@@ -22,6 +22,11 @@ CHANGES = room(
         "a chunk that was delayed for seconds moves the stage",
     ),
     Change(
+        "any-wrong-time-is-out-of-order", PROGRESS,
+        '                "offset",\n', '                "order",\n',
+        "a client whose points are in order is refused for their order",
+    ),
+    Change(
         "a-repeated-set-point-undoes-a-stop", GATE,
         "        if self._stopped_by_another and", "        if False and",
         "a program that repeats its set-point moves the stage again after another has stopped it",
@@ -206,10 +211,6 @@ CHANGES = room(
     Change(
         "queue-forgets-passed", PROGRESS, "+ sum(s for _, s in self._passed)", "",
         "more trajectory than configured is queued ahead of the loop",
-    ),
-    Change(
-        "trajectory-zero", PROGRESS, "if command.trajectory == 0:", "if False:",
-        "a trajectory without a number cannot be distinguished from none",
     ),
     Change(
         "others-trajectory", PROGRESS,

@@ -794,4 +794,12 @@ CHANGES += room(
         "a model is valid for drives as slow as a pause in its recording was long",
         ("tests/models/signals/test_pace.py",),
     ),
+    Change(
+        "wrong-unit-is-a-stage",
+        "models/identify/data/rows.py",
+        "        if span > 0.0 and not SMALLEST <= span <= LARGEST:\n",
+        "        if False:\n",
+        "a displacement in a wrong unit ends in a traceback, or becomes a model of 1e-12 um",
+        ("tests/models/identify/test_scale.py",),
+    ),
 )

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from dehyst.daemon.files.foreign.encoding import UNCLEAR
 from dehyst.daemon.files.foreign.epochs import counts_up, never_falls, rises_evenly
 from dehyst.daemon.files.foreign.found import Column
 from dehyst.daemon.files.foreign.reading import ReadOptions
@@ -34,6 +35,7 @@ def _name(columns: Sequence[Column], i: int) -> str:
     unique = sum(column.heading.lower() == heading.lower() for column in columns) == 1
     short = 0 < len(heading) <= 40
     typed = heading.isprintable() and not re.search(r"[\"$`\\!,]", heading)  # in a shell's quotes
+    typed = typed and UNCLEAR not in heading
     if not (unique and short and typed):
         return str(columns[i].number)
     plain = re.fullmatch(r"[\w.]+", heading) and not heading.isdecimal()

@@ -133,7 +133,9 @@ def main(source: str, target: str) -> None:
         "columns": columns,
         "notes": {text_of(key): text_of(text) for key, text in found.notes.items()},
         "step_s": found.step_s,
+        "of_some": found.of_some,
         "start_s": found.start_s,
+        "factor": text_of(found.factor),
         "said": [text_of(text) for text in found.said],
         "blank": [text_of(text) for text in found.blank],
     }

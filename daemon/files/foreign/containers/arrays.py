@@ -85,7 +85,8 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
         for column in of:
             column.unit = f"{column.unit}{factor}".strip()
             column.wave = one.wave or wave_beside(one.name, timing)
-    found = Sheet(columns, kept, period_of_all(timing, [one.name for one, _ in wide]))
+    step_s, of_some = period_of_all(timing, [one.name for one, _ in wide])
+    found = Sheet(columns, kept, step_s, of_some=of_some)
     used = {name for name, texts in lists.items() if any(len(texts) == len(of) for _, of in wide)}
     if solid:
         found.said.append(

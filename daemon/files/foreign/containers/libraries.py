@@ -27,7 +27,8 @@ from dehyst.daemon.files.foreign.containers.attributes import (
     wave_in,
 )
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet, text_of
-from dehyst.daemon.files.foreign.grid import LOOKED_AT, fill, lay_out
+from dehyst.daemon.files.foreign.grid import LOOKED_AT, TURNED, fill, lay_out
+from dehyst.daemon.files.foreign.runs import note_below, rows_below
 from dehyst.daemon.files.foreign.text import understand_text
 from dehyst.models.errors import BadRecording
 
@@ -172,7 +173,8 @@ def read_xlsx(path: Path) -> Sheet:
     book = load_workbook(path, read_only=True, data_only=True)
     sheets: list[tuple[str, Sheet]] = []
     refused: list[BadRecording] = []
-    formulas = False
+    unread: list[BadRecording] = []
+    below: list[str] = []
     for sheet in book.worksheets:
         rows = []
         for row in sheet.iter_rows(values_only=True, max_col=512):
@@ -183,13 +185,18 @@ def read_xlsx(path: Path) -> Sheet:
         if not looked:
             continue
         begins = next(i for i, row in enumerate(rows) if row is looked[0])
+        left = ""
+        if size := rows_below(rows, "."):
+            left = note_below(rows[-size:], f"row {len(rows) - size + 1}")
+            del rows[-size:]
+            looked = [row for row in rows if any(cell is not None for cell in row)][:LOOKED_AT]
         try:
             if all(sum(cell is not None for cell in row) == 1 for row in looked):
                 sheets.append((sheet.title, understand_text(sheet.title, _lines_in(rows))))
                 continue
             layout = lay_out(sheet.title, looked, ".")
-        except BadRecording:
-            formulas = True
+        except BadRecording as error:
+            unread.append(error)
             continue
         first = next(i for i in range(begins, len(rows)) if rows[i] is looked[layout.first])
         places = ((i, rows[i]) for i in range(first, len(rows)))
@@ -198,14 +205,19 @@ def read_xlsx(path: Path) -> Sheet:
         except BadRecording as error:
             refused.append(error)
             continue
+        if left:
+            here.said.append(left)
+            below.append(f"{sheet.title}: {left}")
         if len(here.columns) > 1 and here.columns[0].values.size > 1:
             sheets.append((sheet.title, here))
     if not sheets:
         if refused:
             raise refused[0]
+        if wide := next((error for error in unread if TURNED in str(error)), None):
+            raise wide
         raise BadRecording(
             "no sheet holds columns of numbers"
-            + (" (formulas that were never computed count as empty)" if formulas else "")
+            + (" (formulas that were never computed count as empty)" if unread else "")
         )
     if len(sheets) == 1:
         found = sheets[0][1]
@@ -219,9 +231,11 @@ def read_xlsx(path: Path) -> Sheet:
                 for c in one.columns
             ]
         )
+        found.said += below
         for title, one in sheets:
             found.notes |= {f"{title}/{key}": text for key, text in one.notes.items()}
             found.blank += [f"{title}/{heading}" for heading in one.blank]
+            found.factor = found.factor or one.factor
     found.said += [f"sheet left out: {str(error)[:200]}" for error in refused]
     found.where = lambda row: f"row {row + 1}"
     return found
