@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.rigs.command_line import exit_status
 
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.main import main
@@ -77,11 +78,7 @@ def test_what_no_stage_can_do_is_refused_and_nothing_is_written(
 ):
     monkeypatch.chdir(tmp_path)
     out = [] if arguments[0] == "setup" else ["-o", "out.csv"]
-    try:
-        code = main([*arguments, *out])
-    except SystemExit as ended:
-        code = ended.code
-    assert code == 2
+    assert exit_status([*arguments, *out]) == 2
     shown = capsys.readouterr().err
     assert words in shown
     assert shown.count("\n") == 1

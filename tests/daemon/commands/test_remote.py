@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import pexpect
 import pytest
+from tests.rigs.command_line import exit_status
 from tests.rigs.gateway_bench import ROOT, Bench, may_lack, renewed, wait_until
 
 from dehyst.daemon.files.recorder import Recorder, RecordingFailed
 from dehyst.daemon.files.recordings import read_columns, read_recording
-from dehyst.daemon.main import main
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.daemon.terminal.braille import Curve, Plot
 from dehyst.models.errors import BadInput
@@ -37,10 +37,7 @@ def run(*arguments: str, bench: Bench) -> tuple[int, str, str]:
     """Run the command in this process; return (exit code, stdout, stderr)."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        try:
-            code = main([*arguments, "--connect", bench.address])
-        except SystemExit as leaving:  # raised by argparse
-            code = int(str(leaving.code))
+        code = exit_status([*arguments, "--connect", bench.address])
     return code, out.getvalue(), err.getvalue()
 
 

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from tests.rigs.command_line import exit_status
 from tests.rigs.gateway_bench import environment, free_port
 
 from dehyst.daemon.commands.run import LISTEN, watching
@@ -48,12 +49,8 @@ SPIRAL = "scan spiral --radius 1 -o s.csv"
     ],
 )
 def test_one_line(line: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    try:
-        code = main(line.split())
-    except SystemExit as end:
-        code = int(str(end.code))
+    assert exit_status(line.split()) == 2
     said = capsys.readouterr().err
-    assert code == 2
     assert words in said
     assert said.count("\n") == 1
 

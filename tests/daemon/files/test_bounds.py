@@ -14,10 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.rigs.command_line import exit_status
 from tests.rigs.gateway_bench import CONFIG, environment
 from tests.rigs.stage_model import model_text
-
-from dehyst.daemon.main import main
 
 GOOD = "t_s,u_v,y_um\n" + "".join(f"{i / 1000},{i % 7},{i % 7}\n" for i in range(100))
 
@@ -32,7 +31,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
     """Run a command that must be refused; return its one line."""
-    assert main(list(words)) == 2
+    assert exit_status(list(words)) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert len(said) < 1000

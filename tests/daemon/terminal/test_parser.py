@@ -4,8 +4,9 @@ import argparse
 from pathlib import Path
 
 import pytest
+from tests.rigs.command_line import exit_status
 
-from dehyst.daemon.main import COMMANDS, build_whole_parser, main
+from dehyst.daemon.main import COMMANDS, build_whole_parser
 from dehyst.daemon.terminal.parser import FILE_WORDS, OUTPUTS, Parser
 
 WHOLE = build_whole_parser()
@@ -22,12 +23,8 @@ def metavars(action: argparse.Action) -> list[str]:
 
 def said_of(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     """Run a command that is refused; return its line."""
-    try:
-        code = main(words)
-    except SystemExit as ended:
-        code = ended.code if isinstance(ended.code, int) else 1
+    assert exit_status(words) == 2
     said = capsys.readouterr().err
-    assert code == 2
     assert said.count("\n") == 1
     return said.removeprefix(f"dehyst {words[0]}: ").removesuffix("\n")
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.rigs.command_line import exit_status
 from tests.rigs.processes import until
 
-from dehyst.daemon.main import main
 from dehyst.drivers.emulated.bench import Bench, BenchSettings
 from dehyst.drivers.emulated.control import ask
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
@@ -227,5 +227,5 @@ def test_emulate_as_a_process(tmp_path: Path) -> None:
     ],
 )
 def test_emulate_refuses_in_one_line(words: list[str], capsys: pytest.CaptureFixture) -> None:
-    assert main(["emulate", *words]) == 2
+    assert exit_status(["emulate", *words]) == 2
     assert capsys.readouterr().err.count("\n") == 1
