@@ -492,6 +492,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_a_recording_that_shows_most",
             "test_what_two_recordings_do_not",
             "test_a_quiet_stage",
+            "test_a_delay_by_part_of_a_sample",
         ),
         "daemon/benchmark/test_bench.py": ("",),
         "daemon/imaging/test_image.py": ("",),

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from dehyst.models.diagnosis.base import compact_base, no_base
+from dehyst.models.diagnosis.data.between import with_smooth_path
 from dehyst.models.diagnosis.data.noise import noise_rms
 from dehyst.models.diagnosis.data.survey import (
     BUTTERFLY_WARNING,
@@ -272,7 +273,8 @@ def _search_fed(
 def _fed_otherwise(found: SearchState) -> SearchState:
     """Return the search's result with its lags and modes fed by steps in place of straight lines,
     or the reverse, if that leaves less. A hold is half a sample ahead of straight lines, and a
-    delay that was found has made up for that."""
+    delay that was found has made up for that. Straight lines also cut the peaks of a smooth drive
+    off, and a hold next to another delay cuts less: the drive's smooth path is tried as well."""
     problem, sigma, effects = found.problem, found.sigma, found.accepted.effects
     if problem.data.early or all(e.candidate.mode == "columns" for e in effects):
         return found
@@ -289,7 +291,13 @@ def _fed_otherwise(found: SearchState) -> SearchState:
             fit = late
     if fit.sse > found.accepted.sse - TUNING.price * sigma**2:
         return found
-    return replace(found, problem=other, accepted=fit)
+    fed = replace(found, problem=other, accepted=fit)
+    smooth = with_smooth_path(problem.data, sigma)
+    if smooth is problem.data:
+        return fed
+    through = replace(problem, data=smooth)
+    curved = through.refit(effects, rounds=8, settle=0.3 * sigma**2)
+    return replace(found, problem=through, accepted=curved) if curved.sse < fit.sse else fed
 
 
 def _with_hold(data: Data, effects: Sequence[Effect]) -> list[Effect]:

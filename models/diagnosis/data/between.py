@@ -19,39 +19,60 @@ from dehyst.models.signals.joined import Data, Ints
 
 DEGREE = 5
 LEAST = 4 * DEGREE  # samples of a part
+THIRDS = 3
+"""Refinement that tells a smooth path from steps: straight lines then miss a ninth of what they
+missed, and any number of samples can be laid on it."""
 
 
 def with_path_between(data: Data, sigma: float) -> Data:
     """Return the recordings with the drive's path between their samples; unchanged where it would
     make no difference: where straight lines are near enough, or the drive is not smooth. sigma:
     noise rms."""
+    times = refinement_factor(data, sigma)
+    return data if times < 2 else _laid_finer(data, times)
+
+
+def with_smooth_path(data: Data, sigma: float) -> Data:
+    """Return the recordings with the path of a drive that is taken to be smooth, also where
+    straight lines are nearer to it than the noise; unchanged if nothing can be seen of the path, or
+    it is known."""
     if data.early or data.stepped or data.path is not data:
         return data
-    times = refinement_factor(data, sigma)
+    times = min(_wanted_factor(data, sigma), THIRDS)
     return data if times < 2 else _laid_finer(data, times)
 
 
 def refinement_factor(data: Data, sigma: float) -> int:
     """Return the factor by which the path's grid is refined; 1: not at all."""
+    if data.early or data.stepped or data.path is not data:
+        return 1
     parts = _parts(data)
     if min(k.size for k in parts) < LEAST:
         return 1
-    missed = _missed_by_lines(data, parts) * float(np.ptp(data.y)) / data.span
-    if missed < sigma or not _is_smooth(data, parts):
+    if _missed_by_lines(data, parts) < sigma or not _is_smooth(data, parts):
         return 1
-    wanted = int(np.ceil(np.sqrt(missed / (TUNING.trace * sigma))))
-    return min(wanted, TUNING.between_most, TUNING.most_rows // data.n)
+    most = min(TUNING.between_most, TUNING.most_rows // data.n)
+    return min(_wanted_factor(data, sigma), most)
+
+
+def _wanted_factor(data: Data, sigma: float) -> int:
+    """Return the factor of a grid whose straight lines miss a smooth path by a trace of the
+    noise."""
+    parts = _parts(data)
+    if min(k.size for k in parts) < LEAST:
+        return 1
+    return int(np.ceil(np.sqrt(_missed_by_lines(data, parts) / (TUNING.trace * sigma))))
 
 
 def _missed_by_lines(data: Data, parts: list[Ints]) -> float:
-    """Return the rms, midway between samples, of a spline less the straight line, in the drive's
-    unit."""
+    """Return the rms, midway between samples, of a spline less the straight line, as far as the
+    stage follows: in the unit of the displacement."""
     square = count = 0.0
     for k in parts:
         at, u = np.arange(k.size, dtype=float), data.u[k]
         miss = make_interp_spline(at, u, DEGREE)(at[:-1] + 0.5) - 0.5 * (u[1:] + u[:-1])
         square, count = square + float(miss @ miss), count + miss.size
-    return float(np.sqrt(square / count))
+    return float(np.sqrt(square / count)) * float(np.ptp(data.y)) / data.span
 
 
 def _is_smooth(data: Data, parts: list[Ints]) -> bool:

@@ -354,3 +354,20 @@ def test_what_two_recordings_do_not_predict_of_each_other_is_not_explained() -> 
     assert d.rms["heldout_augmented"] < 1.5 * d.noise
     assert d.findings[0].name == "drift"
     assert figures(case, d)["held_augmented"] > 1.5
+
+
+def test_a_quick_drive_next_to_a_mode_is_no_held_one() -> None:
+    """Straight lines cut a quick drive's peaks off, and a hold that makes up for that is half a
+    sample ahead, which became a delay."""
+    found = diagnose(make_rig(531977, 43).given, with_limits=False)
+    assert {f.name for f in found.findings} <= {"resonance", "shape"}
+    assert not [said for said in found.data.says if "held, not ramped" in said]
+
+
+def test_a_delay_by_part_of_a_sample_next_to_a_mode() -> None:
+    case = make_case(plan(531977, *parse("pair-15")))
+    (delay_s,) = (e.truth(s)["delay_s"] for e, s in case.chain if e.name == "delay")
+    found = diagnose(case.given(), with_limits=False)
+    (stated,) = (f.parameters["delay_s"] for f in found.findings if f.name == "delay")
+    assert stated.low < delay_s < stated.high
+    assert abs(stated.value - delay_s) < 0.1e-3

@@ -1,5 +1,7 @@
 """The drive between its samples, and what is reported if few places of its path are seen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.models.diagnosis.test_diagnosed_model import plain
@@ -8,7 +10,7 @@ from tests.rigs.plants.effects import memory
 
 from dehyst.models.diagnosis import diagnose
 from dehyst.models.diagnosis.base import compact_base
-from dehyst.models.diagnosis.data.between import with_path_between
+from dehyst.models.diagnosis.data.between import with_path_between, with_smooth_path
 from dehyst.models.diagnosis.data.drive_path import count_distinct_places
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.effects import Effect
@@ -72,6 +74,20 @@ def test_where_lines_are_near_enough_nothing_is_laid_finer() -> None:
     t = fine_time(2000.0)
     data = path_of(sines(t), 2000.0)
     assert data.path is data
+
+
+def test_the_path_of_a_drive_that_lines_nearly_follow_is_known_where_it_matters() -> None:
+    t = fine_time(400.0)
+    data = prepare([recorded(sines(t), 400.0)])
+    assert with_path_between(data, NOISE_UM).path is data
+    path = with_smooth_path(data, NOISE_UM).path
+    true = sines(path.t)
+    inner = (path.t > 0.1) & (path.t < path.t.max() - 0.1)
+    missed = np.abs(np.interp(path.t, data.t, data.u) - true)[inner].max()
+    assert path.n > 1.9 * data.n
+    assert np.abs(path.u - true)[inner].max() < 0.01 * missed
+    assert with_smooth_path(replace(data, stepped=True), NOISE_UM).path.n == data.n
+    assert with_smooth_path(data, 100 * NOISE_UM) is data
 
 
 def test_each_recording_keeps_its_own_path() -> None:

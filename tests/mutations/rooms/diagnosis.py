@@ -1109,6 +1109,14 @@ CHANGES = [
             ("tests/models/diagnosis/test_stage_changes.py",),
         ),
         Change(
+            "a-quick-drive-is-held",
+            "models/diagnosis/searched.py",
+            "if curved.sse < fit.sse else fed",
+            "if False else fed",
+            "a delay of half a sample is reported next to a mode, and a delay is off by as much",
+            ("tests/benchmarks/models/test_proof.py",),
+        ),
+        Change(
             "a-ramp-needs-another-cable",
             "models/diagnosis/data/survey.py",
             "turns == 0 or BUTTERFLY_WARNING in more",
