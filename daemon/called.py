@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dehyst.daemon.option_words import in_callers_words
-from dehyst.daemon.printable import brief
+from dehyst.daemon.printable import NO_FILE_NAME, brief
 from dehyst.models.errors import BadInput, DehystError
 
 P = ParamSpec("P")
@@ -70,10 +70,7 @@ def _checked(name: str, value: Any, kinds: tuple[Any, ...]) -> Any:
         allowed = ", or ".join(TAKES[kind].words for kind in kinds)
         raise BadInput(f"{name}={brief(repr(value))}: must be {allowed}")
     if name == "path" and isinstance(value, str) and value.endswith("/"):
-        raise BadInput(
-            f"{name}={brief(repr(value))}: ends with a slash, as the name of a folder does; give "
-            "the name of a file"
-        )
+        raise BadInput(f"{name}={brief(repr(value))}: {NO_FILE_NAME}")
     return value
 
 

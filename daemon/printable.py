@@ -2,6 +2,8 @@
 
 LONGEST_LINE = 900
 """Characters of a line on the screen; a longer one is an input that was quoted whole."""
+NO_FILE_NAME = "ends with a slash, as the name of a folder does; give the name of a file"
+"""Why a name with a slash at its end is refused: pathlib would drop the slash."""
 LONGEST_QUOTE = 60
 """Characters of a wrong value that an error quotes."""
 

@@ -7,8 +7,6 @@ dehyst.daemon.files.foreign), and the interpretation is reported.
 import gzip
 import re
 import tempfile
-import warnings
-import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,12 +19,12 @@ from dehyst.daemon.files.axis_columns import is_axis_column
 from dehyst.daemon.files.csv_table import (
     LARGEST,
     LONGEST_LINE,
-    MOST_BYTES,
     line_of_row,
     read_table,
 )
-from dehyst.daemon.files.foreign.containers.apart import DAMAGED, NEEDS, read_apart
+from dehyst.daemon.files.foreign.containers.apart import NEEDS, read_apart
 from dehyst.daemon.files.foreign.containers.arrays import found_in, of_one_length
+from dehyst.daemon.files.foreign.containers.numpy_file import read_npy, read_npz
 from dehyst.daemon.files.foreign.containers.packed import PACKED, kind_of_zip, unpack
 from dehyst.daemon.files.foreign.fields import number_of
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet
@@ -37,7 +35,7 @@ from dehyst.daemon.files.foreign.text import ends_in_other_rows, read_text_table
 from dehyst.daemon.files.foreign.understand import understand
 from dehyst.daemon.files.mcap_file import read_mcap
 from dehyst.daemon.files.sidecar import read_notes
-from dehyst.daemon.files.unfinished import is_unfinished_npz, not_finished, read_whole_part
+from dehyst.daemon.files.unfinished import read_whole_part
 from dehyst.daemon.printable import printable
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Bools, Floats
@@ -105,7 +103,7 @@ def load_columns(
     elif kind == ".npz":
         loaded = _load_npz(path, reading, wants)
     elif kind == ".npy":
-        loaded = _understood(path, _read_npy(path), reading, wants)
+        loaded = _understood(path, read_npy(path), reading, wants)
     elif not reading and name.lower().endswith((".csv", ".csv.gz")) and _is_own(path, wants):
         loaded = _load_own(path, wants)
     else:
@@ -299,7 +297,7 @@ def _finite(values: Any) -> Any:
 
 
 def _load_npz(path: Path, reading: ReadOptions, wants: Sequence[str]) -> Loaded:
-    arrays, left = _read_npz(path)
+    arrays, left = read_npz(path)
     notes = {k[1:]: str(v) for k, v in arrays.items() if k.startswith("#")}
     arrays = {k: v for k, v in arrays.items() if k[:1] != "#"}
     numbers = all(v.dtype.kind in "biuf" for v in arrays.values())
@@ -322,63 +320,6 @@ def _load_mcap(path: Path, reading: ReadOptions, unfinished: bool, wants: Sequen
         return Loaded(plain_columns(path.name, columns), notes)
     found = Sheet([Column(name, values) for name, values in columns.items()], notes)
     return _understood(path, found, reading, wants) if columns else Loaded({}, notes)
-
-
-def _read_npy(path: Path) -> Sheet:
-    if path.stat().st_size > MOST_BYTES:
-        raise BadRecording(f"{path.name}: more than {MOST_BYTES >> 20} MB; cut it into pieces")
-    array = _carefully(path, ".npy", lambda: np.load(path, allow_pickle=False, mmap_mode="r"))
-    if 8 * array.size > MOST_BYTES:
-        raise BadRecording(f"{path.name}: more than {MOST_BYTES >> 20} MB; cut it into pieces")
-    return found_in([Given("", np.array(array))], {})
-
-
-def _read_npz(path: Path) -> tuple[dict[str, Any], list[str]]:
-    """Return the arrays by name, and the names of those that hold Python objects."""
-    if is_unfinished_npz(path):
-        raise not_finished(path)
-    if not zipfile.is_zipfile(path):
-        raise BadRecording(f"{path.name}: not an .npz file")
-
-    def read() -> tuple[dict[str, Any], list[str]]:
-        with zipfile.ZipFile(path) as members:
-            size = sum(member.file_size for member in members.infolist())
-        if size > MOST_BYTES:
-            raise BadRecording(
-                f"{path}: unpacks to {size >> 20} MB; at most {MOST_BYTES >> 20} MB "
-                "are read; cut it into several files"
-            )
-        arrays, left = {}, []
-        with np.load(path, allow_pickle=False) as data:
-            for key in data.files:
-                try:
-                    array = data[key]
-                except ValueError as error:
-                    if "allow_pickle" not in str(error):
-                        raise
-                    left.append(key)
-                    continue
-                if isinstance(array, np.ndarray):
-                    arrays[key] = array
-        return arrays, left
-
-    return cast(tuple[dict[str, Any], list[str]], _carefully(path, ".npz", read))
-
-
-def _carefully(path: Path, kind: str, read: Callable[[], Any]) -> Any:
-    """Call a numpy reader and turn every failure into BadRecording: a damaged file raises different
-    exceptions in numpy, zipfile, zlib, ast and tokenize, and causes warnings."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return read()
-    except BadRecording:
-        raise
-    except Exception as error:
-        why = (isinstance(error, OSError) and error.errno and error.strerror) or DAMAGED
-        if "Python objects" in str(error):
-            why = "it holds Python objects; save their arrays by numpy.savez(FILE, t=..., u=...)"
-        raise BadRecording(f"{path}: not an {kind} file that can be read: {why}") from None
 
 
 def plain_columns(name: str, arrays: Mapping[str, Any]) -> dict[str, Floats]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Any, NoReturn
 
-from dehyst.daemon.printable import brief, one_line
+from dehyst.daemon.printable import NO_FILE_NAME, brief, one_line
 from dehyst.daemon.terminal.number_options import number, whole
 
 FILE_WORDS = re.compile(r"FILE|REC|IN|OUT|PNG|[A-Z]+\.[a-z]+.*")
@@ -80,10 +80,10 @@ class Parser(argparse.ArgumentParser):
 
 
 def _why_no_file(name: str, written: bool) -> str:
-    """Return why this cannot be the name of a file; "": it can. pathlib would drop the slash, and
-    the command would write a file of that name, or fail after its work is done."""
+    """Return why this cannot be the name of a file; "": it can. The command would
+    write another file, or fail after its work is done."""
     if name.endswith("/"):
-        return "ends with a slash, as the name of a folder does; give the name of a file"
+        return NO_FILE_NAME
     folder = os.path.dirname(name) or "."
     if written and not os.path.exists(folder):
         return f"is in a folder that does not exist: {folder}"

@@ -55,30 +55,30 @@ def test_bad_usage_is_one_line(arguments, words, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("line", "words"),
     [
-        (["excite", "--range", "0", "1e7", "--band", "5", "--duration", "9"], "beyond 10000 V"),
-        (["excite", "--range", "0", "1e300", "--band", "5", "--duration", "9"], "--range: 1e300"),
-        (["excite", "--range", "-2e6", "0", "--unit", "um", "--band", "5", "--duration", "9"],
-         "beyond 1e+06 "),
-        (["excite", "--range", "0", "100", "--band", "5", "--duration", "1e9"],
-         "at most 5000000 are written, so at most 5e+03 s"),
-        (["excite", "--separate", "lag", "delay", "--range", "0", "1e5"], "beyond 10000 V"),
-        (["excite", "--separate", "lag", "delay", "--range", "0", "9", "--duration", "1e9"],
-         "--duration 1e+09"),
-        (["config", "init", "--range", "0", "1e5"], "beyond 10000 V"),
-        (["setup", "folder", "--yes", "--range", "0", "1e5"], "beyond 10000 V"),
-        (["scan", "raster", "--size", "1e7", "10"], "beyond 1e+06 "),
-        (["scan", "spiral", "--radius", "1e7"], "beyond 1e+06 "),
-        (["scan", "raster", "--size", "9", "9", "--center", "0", "-1e9"], "beyond 1e+06 "),
+        ("excite --range 0 1e7 --band 5 --duration 9", "beyond 10000 V"),
+        ("excite --range 0 1e300 --band 5 --duration 9", "--range: 1e300"),
+        ("excite --range -2e6 0 --unit um --band 5 --duration 9", "beyond 1e+06 "),
+        (
+            "excite --range 0 100 --band 5 --duration 1e9",
+            "at most 5000000 are written, so at most 5e+03 s",
+        ),
+        ("excite --separate lag delay --range 0 1e5", "beyond 10000 V"),
+        ("excite --separate lag delay --range 0 9 --duration 1e9", "--duration 1e+09"),
+        ("config init --range 0 1e5", "beyond 10000 V"),
+        ("setup folder --yes --range 0 1e5", "beyond 10000 V"),
+        ("scan raster --size 1e7 10", "beyond 1e+06 "),
+        ("scan spiral --radius 1e7", "beyond 1e+06 "),
+        ("scan raster --size 9 9 --center 0 -1e9", "beyond 1e+06 "),
     ],
-)  # fmt: skip
+)
 def test_what_no_stage_can_do_is_refused_and_nothing_is_written(
-    arguments, words, tmp_path, monkeypatch, capsys
+    line, words, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
-    out = [] if arguments[0] == "setup" else ["-o", "out.csv"]
-    assert exit_status([*arguments, *out]) == 2
+    out = [] if line.startswith("setup") else ["-o", "out.csv"]
+    assert exit_status([*line.split(), *out]) == 2
     shown = capsys.readouterr().err
     assert words in shown
     assert shown.count("\n") == 1
