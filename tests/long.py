@@ -389,6 +389,86 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         "daemon/rings/test_ring.py": ("test_no_torn_record_reaches_a_slow",),
     },
+    "a further file, option or picture of a kind that `make test` judges with others": {
+        "daemon/report/test_every_picture.py": (
+            "test_a_picture_of_a_recording_that_shows_little_is_drawn[constant",
+            "test_a_picture_of_a_recording_that_shows_little_is_drawn[one",
+            "test_a_picture_of_a_recording_that_shows_little_is_drawn[tiny",
+            "test_a_picture_of_a_recording_that_shows_little_is_drawn[huge",
+            "test_a_picture_of_a_recording_that_shows_little_is_drawn[zero",
+        ),
+        "daemon/test_ends.py": (
+            "test_a_command_whose_output_is_lost_says_so_and_is_no_success[drivers --json",
+            "test_a_command_whose_output_is_lost_says_so_and_is_no_success[excite",
+            "test_a_command_whose_output_is_lost_says_so_and_is_no_success[config",
+        ),
+        "daemon/files/test_stated_scales.py": (
+            "test_a_factor_beside_the_numbers_is_asked_for[conversion",
+            "test_a_factor_beside_the_numbers_is_asked_for[lsb",
+            "test_a_factor_beside_the_numbers_is_asked_for[multiplier",
+        ),
+        "daemon/files/test_contradictions.py": (
+            "test_a_rate_next_to_times_of_another_is_said[sample_rate",
+            "test_a_rate_next_to_times_of_another_is_said[Fs-0.2",
+            "test_a_gain_above_the_numbers_of_a_spreadsheet_is_asked_for[2]",
+        ),
+        "daemon/files/test_bounds.py": (
+            "test_bombs[the same in quotes]",
+            "test_bombs[a pipe as credentials]",
+        ),
+        "daemon/client/test_threads_and_forks.py": (
+            "test_in_a_forked_child_a_fresh_client_works_and_an_inherited_one_says_so[twice",
+            "test_in_a_forked_child_a_fresh_client_works_and_an_inherited_one_says_so[locked",
+            "test_in_a_forked_child_a_fresh_client_works_and_an_inherited_one_says_so[multi",
+        ),
+        "daemon/commands/test_outputs.py": (
+            "test_a_name_that_is_not_utf_8_is_written_escaped[bad",
+        ),
+        "daemon/commands/test_words_of_motion.py": (
+            "test_an_interrupt_says_what_the_stage_does_now[words1",
+        ),
+        "daemon/test_examples.py": ("test_example_runs[arguments1", "test_example_runs[arguments2"),
+        "daemon/page/test_browser.py": ("test_on_a_telephone", "test_accepting_asks"),
+        "daemon/page/test_strangers.py": (
+            "test_guesses_are_slow_whichever_way_and_nobody_else_waits[by_token]",
+        ),
+        "daemon/page/test_behind_a_proxy.py": ("test_a_proxy_may_leave_the_path[nginx]",),
+        "daemon/epics/test_epics.py": ("test_camonitor_sees", "test_another_client"),
+        "daemon/commands/test_probe.py": (
+            "test_a_piezo_driver_is_recognised_and_not_touched[unit1]",
+            "test_a_unit_is_recorded_and_understood[1.05]",
+        ),
+        "drivers/mdt693b/test_together.py": (
+            "TestContractBesideOthers",
+            "test_all_three_in_one_command_where_the_firmware_can[1.09",
+        ),
+        "drivers/apt/test_in_the_loop.py": (
+            "test_an_amplifier_that_fails_is_named_and_its_output_stays_and_goes_on_without_a_jump[unplugged-kpz101",
+        ),
+        "daemon/service/test_chaos.py": (
+            "test_fault[sensor_invalid]",
+            "test_fault[sensor_lost_while_reloading]",
+            "test_fault[disk_read_only]",
+            "test_fault[file_limit]",
+            "test_fault[half_reply]",
+        ),
+        "models/diagnosis/test_names.py": (
+            "test_a_stage_of_a_foreign_class",
+            "test_only_a_limit_with_a_size",
+            "test_effects_stand_in_the_order",
+        ),
+        "models/diagnosis/test_stage_changes.py": ("test_a_change_that_lasts",),
+        "models/diagnosis/test_beside_the_model.py": ("test_coupling_through_a_lag",),
+        "models/diagnosis/test_data_first.py": (
+            "test_the_steps_of_a_reading_are_no_pattern_of_its_sensor[20]",
+            "test_a_gauge_that_is_stuck_or_at_its_limit_is_no_physics[at its limit]",
+            "test_coarse_steps",
+        ),
+        "benchmarks/models/test_proof.py": (
+            "test_a_quick_drive_next_to_a_mode",
+            "test_a_model_that_the_recordings_do_not_determine",
+        ),
+    },
     "a diagnosis of a further effect, stage or seed": {
         "models/identify/test_own_starts.py": (
             "test_hum_in_the_others",

@@ -78,7 +78,7 @@ def test_nothing_under_tests_imports_a_benchmark() -> None:
 def test_what_is_left_to_make_long_is_there(path: str) -> None:
     """A name that no test has would leave a test where its author believes it is not."""
     tree = ast.parse((TESTS / path).read_text(encoding="utf-8"))
-    tests = [node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    tests = [n.name for n in ast.walk(tree) if isinstance(n, ast.FunctionDef | ast.ClassDef)]
     for begin in (name for kind in LONG.values() for name in kind.get(path, ())):
         name, params, _ = begin.partition("[")
         assert any(test == name if params else test.startswith(name) for test in tests), begin

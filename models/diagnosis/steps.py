@@ -140,6 +140,12 @@ def _report(
             f"fitted to one of the two recordings, the model leaves {times:.2g} times the noise in "
             "the other: what differs between them is not explained; a third recording shows it",
         )
+    if not written.holds_elsewhere(judged.noise):
+        times = written.elsewhere / judged.noise
+        warnings += (
+            f"on loops of other sizes and places the model is uncertain by {times:.2g} times the "
+            "noise: record turns of several sizes all over the range",
+        )
     quality = survey(whole, fitted, noises, judged.unexplained, warnings)
     diagnosis = Diagnosis(
         verdict=verdict,

@@ -6,7 +6,7 @@ use by unrecorded rows with a weight of one millionth, which leaves the fit of t
 unchanged. If that is not enough, their weight is increased.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -33,12 +33,18 @@ from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.errors import BadModel
 from dehyst.models.model import Model
-from dehyst.models.signals.joined import Data
+from dehyst.models.signals.joined import Bools, Data
 from dehyst.models.signals.pasts import FRESH
 
 MOST_LEFT = 1.0
 """Largest mean square that an explained misfit may leave in addition to the noise, relative to the
 noise. Another drive then has 1.4 times the noise, and seldom more than 1.5."""
+
+
+MOST_ELSEWHERE = 2.0
+"""Largest uncertainty of an explained misfit on another drive [noises rms], by leaving out parts of
+the recordings. The drive of this comparison asks for more than most do: turns of any size at any
+place; models that predict to half a noise reach 1.6."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +55,8 @@ class WrittenModel:
     held: errors on rows that it was not fitted to; held_in_use: errors of the model in use on the
     same rows, as it is, also where it was identified from them; gained: whether it differs from the
     model in use; alone: mean square on each of two recordings when fitted to the other, where an
-    effect began before them; else None.
+    effect began before them; else None. elsewhere: standard error [rms] on slow loops of any size
+    and place, other than those recorded.
     """
 
     model: Model
@@ -59,6 +66,7 @@ class WrittenModel:
     contains_shape: bool = False
     gained: bool = False
     alone: float | None = None
+    elsewhere: float = 0.0
 
     def explains(self, noise: float, removed: float) -> bool:
         """Return whether no more than the noise [rms] is left in addition to it, and no more than
@@ -69,7 +77,12 @@ class WrittenModel:
         before = self.held_in_use.mean_square + removed - noise**2
         is_most = left <= max(TUNING.half * before, TUNING.quarter * noise**2)
         is_small = self.gained and is_most and left <= MOST_LEFT * noise**2
-        return is_small and self.holds_in_each_alone(noise)
+        is_known = self.holds_elsewhere(noise) and self.holds_in_each_alone(noise)
+        return is_small and is_known
+
+    def holds_elsewhere(self, noise: float) -> bool:
+        """Return whether the recordings determine the model for another drive too. noise: rms."""
+        return self.elsewhere <= MOST_ELSEWHERE * noise
 
     def holds_in_each_alone(self, noise: float) -> bool:
         """Return whether the same holds of each of two recordings when fitted to the other. Half of
@@ -126,6 +139,8 @@ def choose_written_model(
                 break
         else:
             break
+    if chosen is not None:
+        best = replace(best, elsewhere=_jackknife_elsewhere(chosen, held_out.groups, best.model))
     # what began before a recording is another in each, which blocks of time left out do not show
     if chosen is not None and len(data.names) == 2 and any(e.candidate.past for e in final.effects):
         each = make_held_out_groups(problem, bare.data.u, True, final.effects)
@@ -134,6 +149,20 @@ def choose_written_model(
         except BadModel:  # a parameter value that the model format does not allow
             best = replace(best, alone=np.inf)
     return best
+
+
+def _jackknife_elsewhere(chosen: WritableFit, groups: Sequence[Bools], model: Model) -> float:
+    """Return the standard error [rms] of a model on slow loops that were not recorded, by the
+    jackknife: from the models that are fitted without each of the groups (N,)."""
+    data, n = chosen.problem.data, len(groups)
+    if n < 2:
+        return 0.0  # nothing was left out
+    try:
+        without = [chosen.write_without(here) for here in groups]
+    except BadModel:  # a parameter value that the model format does not allow
+        return np.inf
+    moved = [measure_difference_elsewhere(one, model, data) for one in without]
+    return float(np.sqrt((n - 1) / n * np.sum(np.square(moved))))
 
 
 def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[WritableFit]:

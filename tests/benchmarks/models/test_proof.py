@@ -371,3 +371,14 @@ def test_a_delay_by_part_of_a_sample_next_to_a_mode() -> None:
     (stated,) = (f.parameters["delay_s"] for f in found.findings if f.name == "delay")
     assert stated.low < delay_s < stated.high
     assert abs(stated.value - delay_s) < 0.1e-3
+
+
+def test_a_model_that_the_recordings_do_not_determine_elsewhere_explains_nothing() -> None:
+    """Three recordings of a Preisach stage: the model without any of them predicts that one to 1.3
+    noises, another drive to 1.9."""
+    case = make_case(plan(531977, *parse("pair-0")))
+    found = diagnose(case.given(), with_limits=False)
+    assert {"slew", "coupling"} <= {f.name for f in found.findings}
+    assert figures(case, found)["held_augmented"] > 1.5
+    assert found.verdict == "partly"
+    assert any("record turns of several sizes" in text for text in found.data.says)

@@ -128,8 +128,8 @@ def draws(name: str, y: Floats, begin_s: float = 0.0) -> Draw:
     return lambda axes: one(**given, axes=axes)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("name", PICTURES)
+@pytest.mark.parametrize("shape", SHAPES)
 def test_a_picture_of_a_recording_that_shows_little_is_drawn(name: str, shape: str) -> None:
     png, shows = draw_picture(draws(name, SHAPES[shape]))
     assert png.startswith(b"\x89PNG")

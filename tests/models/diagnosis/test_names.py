@@ -132,11 +132,12 @@ def found(effect: str) -> Diagnosis:
 def test_hidden_effect_is_named_first_and_the_model_predicts(effect: str) -> None:
     given = recordings(effect)
     d = found(effect)
-    assert d.verdict == "explained"
+    # the phase of a hum differs between recordings and cannot be predicted
+    assert d.verdict == ("partly" if effect == "hum" else "explained")
     # the loop of this class is not the plain model's: that is reported in addition to the effect
     assert next(f.name for f in d.findings if f.name != "shape") == effect
     assert 0.9 < sum(f.share for f in d.findings) <= 1.0
-    if effect != "hum":  # phases differ between recordings and cannot be predicted
+    if effect != "hum":
         # each fold leaves out a fifth of a recording, with levels that occur only there
         assert d.rms["heldout_augmented"] < 1.5 * NOISE_UM < d.rms["heldout_model"]
     model = modelfile.loads(modelfile.dumps(d.model))  # the file's content is what was fitted

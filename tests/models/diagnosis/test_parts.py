@@ -111,11 +111,12 @@ def test_columns_add_what_their_blocks_add(
     np.testing.assert_allclose(y - plain, added, atol=1e-9)
 
 
-@pytest.mark.parametrize(("turn", "written"), [(0.0, 1), (0.3, 1), (1.0, 0), (np.pi, 0)])
+@pytest.mark.parametrize(("turn", "written"), [(0.0, 1), (0.15, 1), (0.4, 0), (1.0, 0), (np.pi, 0)])
 def test_a_line_is_written_where_the_recordings_share_its_phase(
     data: Data, turn: float, written: int
 ) -> None:
-    """turn: phase of the second recording relative to the first [rad]."""
+    """turn: phase of the second recording relative to the first [rad]. Of 100 pairs of phases at
+    random, 13 are within 0.4 rad of each other."""
     (line,) = (c for c in list_candidates(data) if c.key == "hum")
     amplitudes = 0.1 * np.array([1.0, 0.0, np.cos(turn), np.sin(turn)])
     blocks = line.blocks((50.0,), amplitudes, data)
