@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.config import load_controller, parse_config
-from dehyst.daemon.config.sections import check_name
+from dehyst.daemon.config.sections import MOST_RATE_HZ, check_name
 from dehyst.daemon.config.text import SLEW_SPANS, check_range, limits_within, write_commented
 from dehyst.daemon.files.known_units import ACTUATOR, SENSOR
 from dehyst.daemon.files.models import write_text
@@ -109,8 +109,10 @@ def run(args: argparse.Namespace) -> int:
     low, high = args.range
     check_name(args.name)
     check_range(low, high, args.slew)
-    if not 0.0 < args.rate < float("inf"):
-        raise BadInput(f"--rate {args.rate:g}: a sampling rate in Hz, greater than 0")
+    if not 0.0 < args.rate <= MOST_RATE_HZ:
+        raise BadInput(
+            f"--rate {args.rate:g}: a sampling rate in Hz, above 0 and at most {MOST_RATE_HZ}"
+        )
     slew = args.slew or SLEW_SPANS * (high - low)
     actuator = with_serial(ACTUATOR, args.actuator, parse_settings(args.set))
     sensor = with_serial(SENSOR, args.sensor, parse_settings(args.sensor_set))

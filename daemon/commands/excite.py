@@ -18,7 +18,7 @@ from dehyst.models.drive_design.coverage import Coverage, measure_coverage
 from dehyst.models.drive_design.excitation import SINES, Excitation, design
 from dehyst.models.drive_design.scans import MOST_SAMPLES
 from dehyst.models.drive_design.separation import EFFECTS, SeparatingDrive, separate
-from dehyst.models.drive_design.waveforms import Limits
+from dehyst.models.drive_design.waveforms import LEAST_SEPARATING, MOST_SEPARATING, Limits
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model
 from dehyst.models.recording import Recording
@@ -128,7 +128,7 @@ def _design(args: argparse.Namespace) -> int:
             f"{', '.join(absent)} missing; a drive needs --range, --band, --duration, -o"
         )
     low, high = args.range
-    _check_sizes(args, args.duration)
+    _check_sizes(args, args.duration, MOST_SAMPLES)
     drive = design(
         low, high, args.band, args.duration, args.sampling, sines=args.sines, slew_per_s=args.slew
     )
@@ -156,16 +156,16 @@ def _design(args: argparse.Namespace) -> int:
     return 0
 
 
-def _check_sizes(args: argparse.Namespace, seconds: float) -> None:
-    """Raise BadInput, which names the option, if no stage has such a range, or the file would be
-    larger than other programs open."""
+def _check_sizes(args: argparse.Namespace, seconds: float, most: int) -> None:
+    """Raise BadInput, which names the option, if no stage has such a range, or the drive would have
+    more than `most` samples."""
     if args.range is not None:
         check_plausible("--range", args.range, args.unit)
-    if seconds * args.sampling > MOST_SAMPLES:
+    if seconds * args.sampling > most:
         raise BadInput(
             f"--duration {seconds:g}: {seconds * args.sampling:.3g} samples at {args.sampling:g} "
-            f"Hz; at most {MOST_SAMPLES} are written, so at most "
-            f"{MOST_SAMPLES / args.sampling:.3g} s: shorten the drive, or lower --sampling"
+            f"Hz; at most {most} are written, so at most "
+            f"{most / args.sampling:.3g} s: shorten the drive, or lower --sampling"
         )
 
 
@@ -247,7 +247,13 @@ def _separate(args: argparse.Namespace) -> int:
         raise BadInput(f"--sampling: must be greater than 0, not {args.sampling:g}")
     rate = SPANS_PER_S * (high - low) if args.slew is None else args.slew
     seconds = SECONDS if args.duration is None else args.duration
-    _check_sizes(args, seconds)
+    _check_sizes(args, seconds, MOST_SEPARATING)
+    if seconds * args.sampling < LEAST_SEPARATING:
+        raise BadInput(
+            f"--duration {seconds:g}: {seconds * args.sampling:.3g} samples at {args.sampling:g} "
+            f"Hz; at least {LEAST_SEPARATING} distinguish effects: lengthen the drive, or raise "
+            "--sampling"
+        )
     limits = Limits(low, high, rate, 1.0 / args.sampling, seconds)
     experiment = separate(a, b, limits, model)
     unit = model.drive_unit if model else args.unit

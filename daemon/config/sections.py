@@ -31,6 +31,10 @@ AxisName = Annotated[
 ]
 
 
+MOST_RATE_HZ = 20_000
+"""Largest sampling rate: twice the fastest at which the loop was measured."""
+
+
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     pass
 
@@ -45,7 +49,7 @@ class ModelConfig(_Strict, frozen=True):
 class LoopConfig(_Strict, frozen=True):
     """[loop]"""
 
-    rate_hz: Annotated[float, Meta(gt=0, le=20_000)] = 1000.0
+    rate_hz: Annotated[float, Meta(gt=0, le=MOST_RATE_HZ)] = 1000.0
     """Sampling rate. Refused if the drivers cannot sustain it."""
     priority: Annotated[int, Meta(ge=0, le=99)] = 80
     """Requested SCHED_FIFO priority; 0: ordinary scheduling. The status reports the actual one.

@@ -8,6 +8,9 @@ import numpy as np
 from dehyst.models.errors import BadInput
 from dehyst.models.recording import Floats
 
+LEAST_SEPARATING, MOST_SEPARATING = 200, 2_000_000
+"""Samples of a drive that separates effects: fewer show none, and `identify` uses no more rows."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -25,8 +28,10 @@ class Limits:
             raise BadInput("the drive's range is empty: its end must be above its start")
         if not (self.rate_max > 0 and self.period_s > 0):
             raise BadInput("the drive's rate and the sampling period must be greater than 0")
-        if not 200 <= self.seconds / self.period_s <= 2_000_000:
-            raise BadInput("the experiment must be 200 to 2 000 000 samples long")
+        if not LEAST_SEPARATING <= self.seconds / self.period_s <= MOST_SEPARATING:
+            raise BadInput(
+                f"the drive must be {LEAST_SEPARATING} to {MOST_SEPARATING} samples long"
+            )
 
     @property
     def middle(self) -> float:

@@ -66,6 +66,8 @@ def test_bad_usage_is_one_line(arguments, words, tmp_path, monkeypatch, capsys):
         ),
         ("excite --separate lag delay --range 0 1e5", "beyond 10000 V"),
         ("excite --separate lag delay --range 0 9 --duration 1e9", "--duration 1e+09"),
+        ("excite --separate lag delay --range 0 9 --duration 3000", "at most 2000000 are"),
+        ("excite --separate lag delay --range 0 9 --duration .05", "--duration 0.05: 50 samples"),
         ("config init --range 0 1e5", "beyond 10000 V"),
         ("setup folder --yes --range 0 1e5", "beyond 10000 V"),
         ("scan raster --size 1e7 10", "beyond 1e+06 "),

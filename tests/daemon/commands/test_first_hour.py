@@ -32,7 +32,8 @@ from dehyst.models.modelfile import dumps
         (["--range", "100", "0"], "give the lowest voltage first"),
         (["--range", "5", "5"], "give the lowest voltage first"),
         (["--range", "0", "100", "--slew", "-1"], "a rate in V/s, greater than 0"),
-        (["--range", "0", "100", "--rate", "0"], "a sampling rate in Hz, greater than 0"),
+        (["--range", "0", "100", "--rate", "0"], "--rate 0: a sampling rate in Hz, above 0"),
+        (["--range", "0", "100", "--rate", "1e9"], "--rate 1e+09: a sampling rate in Hz"),
     ],
 )
 def test_config_init_refuses_nonsense_in_words(
