@@ -27,43 +27,43 @@ from dehyst.models.errors import BadInput, DehystError, NotNow
 
 # name: help line. Modules are imported only when they are used: numba and zenoh load slowly.
 COMMANDS = {
-    "run": "the daemon in the foreground (without --config: on the simulated stage)",
-    "demo": "the whole story on the simulated stage in a few minutes",
-    "setup": "guided: from two plugged-in units to a validated model",
-    "acquire": "play a drive in volts open loop and record what the stage does",
+    "run": "run the daemon in the foreground (without --config: on a simulated stage)",
+    "demo": "demonstrate everything on a simulated stage in a few minutes",
+    "setup": "guided set-up, from two plugged-in units to a validated model",
+    "acquire": "play a drive in volts in open loop and record the stage's response",
     "identify": "identify a model from a recording",
-    "excite": "design the drive for a recording, or check that a recording excites enough",
-    "simulate": "run a model on a recording's drive",
-    "validate": "check how well models predict recordings that they have not seen",
+    "excite": "design a drive for identification, or check a recording's excitation",
+    "simulate": "simulate a model on a recording's drive",
+    "validate": "check how well models predict recordings not used to identify them",
     "convert": "convert a recording to another file format: .csv, .csv.gz, .npz, .mcap",
     "invert": "turn a trajectory in micrometres into a drive in volts",
     "diagnose": "name the physics that a model lacks, and add it to the model",
     "paper": "repeat the source paper's experiments, errors and figures next to the paper's",
-    "bench": "compare models of hysteresis on the same recordings",
-    "image": "a virtual microscope images a grid: raw, compensated, learned",
-    "scan": "write the path of a scan in the plane: raster, spiral or Lissajous figure",
+    "bench": "compare kinds of hysteresis model on the same recordings",
+    "image": "image a grid with a simulated microscope: raw, compensated, learned",
+    "scan": "write a two-axis scan path: raster, spiral or Lissajous figure",
     "send": "send a set-point to a running daemon, or stop or hold the stage",
     "play": "stream a trajectory to a running daemon",
-    "status": "where the stage is, and whether a daemon needs attention (exit status 1)",
+    "status": "show where the stage is, and whether the daemon needs attention (exit status 1)",
     "watch": "live view of a running daemon",
     "zero": "compare gauge and model, and set the gauge's zero",
-    "doctor": "show the findings about mismatches between stage and model",
+    "doctor": "show what the doctor found about mismatches between stage and model",
     "accept": "use the model that the doctor offers, on trial",
-    "reject": "decline the model that the doctor offers, or return to the one before",
-    "page": "a page in a browser for one or many controllers",
+    "reject": "reject the model that the doctor offers, or return to the previous one",
+    "page": "serve a web page for one or more controllers",
     "epics": "serve a controller as EPICS process variables",
     "serve": "serve a controller to programs that use another controller's protocol (PI's GCS)",
     "record": "record a running daemon's telemetry into a file",
     "config": "write a commented configuration",
-    "drivers": "list the driver plugins, the broken ones with their error",
+    "drivers": "list the driver plugins, with the error of each broken one",
     "latency": "test whether this machine meets the loop's deadlines",
     "probe": "record a unit's raw bytes and timings into a fixture file",
-    "emulate": "an MDT693B or KPZ101 and KSG101s on pseudo terminals, with a simulated stage",
+    "emulate": "emulate an amplifier and gauge readers on pseudo terminals, with a simulated stage",
     "warm": "compile all kernels now, so that the next start is quick",
     "completion": "print a script for tab completion",
     "keys": "make certificates for a controller and its clients",
-    "core": "the real-time process alone (for systemd)",
-    "gateway": "the network process alone (for systemd)",
+    "core": "run only the real-time process (for systemd)",
+    "gateway": "run only the network process (for systemd)",
     "safe": "bring the output to its configured safe state (for systemd)",
 }
 
@@ -103,9 +103,9 @@ def _check_system(command: str | None, arguments: list[str]) -> None:
         return
     if devices or (command == "doctor" and _lasts(command, arguments)):
         raise BadInput(
-            "needs Linux, for the deadlines of the loop and the ports of the devices; this system "
-            "runs the work on recordings and models (identify, diagnose, invert, ...) and the "
-            "clients of a daemon elsewhere (send, play, watch, record, page, ...)"
+            "needs Linux, for the loop's deadlines and the devices' ports; this system runs only "
+            "the commands for recordings and models (identify, diagnose, invert, ...) and the "
+            "clients of a daemon on another machine (send, play, watch, record, page, ...)"
         )
 
 

@@ -162,8 +162,8 @@ class SerialPort:
         with contextlib.suppress(serial.SerialException, OSError, system.TerminalError):
             self._serial.reset_output_buffer()
         return DeviceTimeout(
-            f"{self.path}: the unit accepted no bytes for {self._write_timeout_s:g} s; it hangs; "
-            "switch it off and on, or unplug it and plug it in again"
+            f"{self.path}: the unit accepted no bytes for {self._write_timeout_s:g} s and has "
+            "hung: switch it off and on, or unplug it and plug it in again"
         )
 
     def _read(self) -> bytes:
@@ -175,7 +175,7 @@ class SerialPort:
 
     def _gone(self, error: Exception) -> DeviceGone:
         return DeviceGone(
-            f"{self.path}: the port is gone; check that the unit is plugged in ({error})"
+            f"{self.path}: the port has disappeared; check that the unit is plugged in ({error})"
         )
 
 
@@ -185,7 +185,7 @@ def _why_not_open(path: str, error: Exception) -> str:
         number = errno.EBUSY
     if number == errno.ENOENT or not os.path.exists(path):
         seen = [p.path for p in list_serial_ports()]
-        ports = f"the serial ports here are {', '.join(seen)}" if seen else "no serial port is here"
+        ports = f"the serial ports here are {', '.join(seen)}" if seen else "there are none here"
         return f"there is no port {path}; {ports}"
     if number in (errno.EACCES, errno.EPERM):
         return f"no permission to open {path}: add your user to the group that owns it (dialout?)"

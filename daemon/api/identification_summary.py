@@ -135,12 +135,12 @@ def _interval(value: float, error: float, on_bound: bool = False) -> dict[str, A
 def _interval_words(band: float | None, unit: str) -> str:
     if band is None:
         return (
-            "a prediction interval on other drives cannot be stated from this recording: drive "
+            "this recording does not determine a prediction interval for other drives: drive "
             "loops of several sizes at several rates (dehyst excite designs such a drive)"
         )
     return (
-        f"95 % prediction interval on other drives in this range: +-{band:.4g} {unit}, apart from "
-        "the gauge's noise and a constant offset"
+        f"95 % prediction interval for other drives in this range: +-{band:.4g} {unit}, not "
+        "counting the gauge's noise and a constant offset"
     )
 
 
@@ -166,7 +166,9 @@ def describe_result(
         f"valid from {v.drive_min:.4g} to {v.drive_max:.4g} {drive}"
         + (f", up to {v.rate_max:.4g} {drive}/s" if v.rate_max else "")
         + (
-            f", for drives that take up to {v.slowest_s:.3g} s for 5 % of it" if v.slowest_s else ""
+            f", for drives that cross 5 % of it in {v.slowest_s:.3g} s or less"
+            if v.slowest_s
+            else ""
         ),
     ]
     lines += [f"note: {note}" for note in result.notes]

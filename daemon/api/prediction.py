@@ -112,7 +112,7 @@ def describe_misfit(error: Misfit, unit: str) -> str:
     if error.rms_without_offset < (1.0 - SAME) * error.rms:
         whole += (
             f" ({error.rms_without_offset:.4g} {unit} without its mean of {error.offset:.4g} "
-            f"{unit}, which may be another zero of the gauge)"
+            f"{unit}, perhaps because the gauge had another zero)"
         )
     if not error.rows_settled:
         return f"{whole}; all of them depend on the unknown earlier state of the stage"

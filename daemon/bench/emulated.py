@@ -30,7 +30,7 @@ def noted(folder: Path) -> list[str]:
     try:
         return [str(word) for word in json.loads(path.read_text())["emulate"]]
     except (OSError, ValueError, KeyError, TypeError):
-        raise BadInput(f"{path}: not the note of an emulated bench; delete it") from None
+        raise BadInput(f"{path}: not the record of an emulated bench; delete it") from None
 
 
 def command_of(folder: Path, arguments: list[str]) -> str:

@@ -52,14 +52,14 @@ def _listed(kind: type[IntEnum] | type[IntFlag]) -> str:
 
 
 COMMON = {
-    "client": "Number of the client, drawn by it: random, not 0, the same in all of its messages.",
+    "client": "Random number that the client chooses, not 0, the same in all of its messages.",
     "lease": "The number that the daemon issued with the lease.",
     "Request.lease": "The number that the daemon issued with the lease; ignored where the action "
     "needs no lease.",
     "unit": "Of displacements: that of the model in use; a command in another unit is refused.",
     "sent_ns": "The sender's own monotonic clock, the same in all of its messages; the daemon "
     "compares it with that of the message that arrived with the least delay since the lease began.",
-    "trajectory": "Number of the trajectory, drawn by the client: random, not 0.",
+    "trajectory": "Random number that the client chooses for the trajectory, not 0.",
     "allow_unreachable": "True: go to the nearest reachable point and flag it instead of refusing.",
     "time_ns": "The controller's monotonic clock.",
     "wall_ns": "The same moment, ns since 1970.",

@@ -48,5 +48,5 @@ CODES = {
     "queue-full": RefusalCode("more trajectory ahead than the daemon accepts", waits=True),
     "stay": RefusalCode("the configuration does not allow keeping a position without a client"),
     "no-offer": RefusalCode("no such offer, or it cannot be accepted now"),
-    "flood": RefusalCode("more commands than the daemon reads", waits=True),
+    "flood": RefusalCode("more commands than the daemon can process", waits=True),
 }

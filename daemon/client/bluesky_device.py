@@ -203,7 +203,7 @@ class BlueskyStage:
     def kickoff(self) -> Doing:
         """Start the trajectory. Raises BadInput if none was prepared."""
         if self._way is None:
-            raise BadInput("no trajectory: prepare(stage, (t_s, targets)) comes before kickoff")
+            raise BadInput("no trajectory: call prepare(stage, (t_s, targets)) before kickoff")
         self._flight = self._positioner.fly(*self._way)
         return _done()
 
@@ -211,7 +211,7 @@ class BlueskyStage:
         """Return a status that is done when the trajectory is over and fails if it ended early.
         Raises BadInput before kickoff()."""
         if self._flight is None:
-            raise BadInput("nothing flies: kickoff comes before complete")
+            raise BadInput("no trajectory was started: call kickoff before complete")
         over: Future[None] = Future()
 
         def judge(flight: "Future[Flight]") -> None:

@@ -49,7 +49,7 @@ def find_daemons(
     if not names:
         raise BusError(
             f"something listens at {', '.join(addresses)}, but no daemon with keys below {base}/ "
-            "answers; it may hide itself from these credentials"
+            "answers; it may not be visible with these credentials"
         )
     return names
 

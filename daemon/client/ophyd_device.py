@@ -118,7 +118,7 @@ class OphydStage(StandardReadable):
     async def kickoff(self) -> None:
         """Start the trajectory. Raises BadInput if none was prepared."""
         if self._way is None:
-            raise BadInput("no trajectory: prepare(stage, (t_s, targets)) comes before kickoff")
+            raise BadInput("no trajectory: call prepare(stage, (t_s, targets)) before kickoff")
         self._flight = self._stage.fly(*self._way)
 
     @AsyncStatus.wrap
@@ -126,7 +126,7 @@ class OphydStage(StandardReadable):
         """Wait for the end of the trajectory. Raises BadInput if it ended early or was not
         begun."""
         if self._flight is None:
-            raise BadInput("nothing flies: kickoff comes before complete")
+            raise BadInput("no trajectory was started: call kickoff before complete")
         flight, self._flight = self._flight, None
         self.flown = await self._wait(flight)
         if not self.flown.played.completed:

@@ -41,8 +41,8 @@ def about_the_machine(played: Played) -> str:
         return ""
     share = 100.0 * tracking.missed / max(tracking.samples, 1)
     return (
-        f"{share:.3g} % of the deadlines were missed: this machine was too busy to judge the error "
-        "by; `dehyst latency` shows what is too slow"
+        f"{share:.3g} % of the deadlines were missed, so the error does not count: this machine "
+        "was too busy; `dehyst latency` shows what is too slow"
     )
 
 

@@ -26,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--unfinished",
         action="store_true",
-        help="keep the complete part of a file whose writer was killed or met a full disk",
+        help="keep the complete part of a file whose writer was killed or ran out of disk space",
     )
     add_reading(parser)
     add_force(parser)

@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "Find the physics that the model in use lacks, model it, and show by how much the error "
         "falls. The model in use is that of --model, or a plain model identified from these "
         "recordings. Give all recordings of one stage together: several "
-        "waveforms, holds and a rest reveal more than one recording. Writes diagnosis.json, "
+        "waveforms, with holds and rests, reveal more than a single one. Writes diagnosis.json, "
         "model.toml (the augmented model) and report.html to DIR. Exit status 1: the "
         "model in use lacks something."
     )
@@ -33,11 +33,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "examples: dehyst diagnose sweep.csv holds.csv -o findings\n"
         "          dehyst diagnose run.csv --model stage.toml -o findings --json"
     )
-    parser.add_argument("recordings", nargs="+", type=Path, metavar="REC")
+    parser.add_argument(
+        "recordings", nargs="+", type=Path, metavar="REC", help="recordings of one stage"
+    )
     parser.add_argument(
         "--model", metavar="MODEL.toml", help="the model in use (default: identified here)"
     )
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="DIR", help="where the results go"
+    )
     add_reading(parser)
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="diagnosis.json on stdout")

@@ -96,14 +96,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=LATENCY_S,
         metavar="S",
-        help="of the amplifier's replies (default: %(default)s)",
+        help="latency of the amplifier's replies (default: %(default)s)",
     )
     parser.add_argument(
         "--jitter-s",
         type=float,
         default=knobs.jitter_s,
         metavar="S",
-        help="of the amplifier's replies (default: %(default)s)",
+        help="jitter of the amplifier's replies (default: %(default)s)",
     )
     parser.add_argument(
         "--max-travel-um", type=float, metavar="UM", help="full scale of the gauge reader"

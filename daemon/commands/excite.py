@@ -82,7 +82,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--model", metavar="MODEL.toml", help="the stage's model, for --separate")
     parser.add_argument(
-        "--picture", type=Path, metavar="FILE.png", help="plot the drive and rate that are covered"
+        "--picture", type=Path, metavar="FILE.png", help="plot the coverage of the drive-rate plane"
     )
     add_reading(parser)
     add_force(parser)
@@ -150,7 +150,7 @@ def _design(args: argparse.Namespace) -> int:
         )
     print(
         f"rates up to {drive.rate_max:.4g} {spell_unit(args.unit)}/s, "
-        f"{covered.covered:.0%} of drive and rate covered; starts and ends at rest at "
+        f"{covered.covered:.0%} of the drive-rate plane covered; starts and ends at rest at "
         f"{drive.u[0]:g} {spell_unit(args.unit)}"
     )
     return 0
@@ -189,9 +189,9 @@ def _check(args: argparse.Namespace) -> int:
     low, high = covered.drive_edges[0], covered.drive_edges[-1]
     print(
         f"drive {low:.4g} to {high:.4g} {spell_unit(unit)}, "
-        f"{covered.cycles:.1f} times through the range, "
+        f"range traversed {covered.cycles:.1f} times, "
         f"rates up to {covered.rate_max:.4g} {spell_unit(unit)}/s, "
-        f"{covered.covered:.0%} of drive and rate covered, {covered.rest_s:.3g} s at rest"
+        f"{covered.covered:.0%} of the drive-rate plane covered, {covered.rest_s:.3g} s at rest"
     )
     for text in [*missing, *defects]:
         print(f"missing: {text}" if text in missing else f"note: {text}")

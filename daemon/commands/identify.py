@@ -20,15 +20,24 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst identify`."""
     parser.description = (
         "Identify one invertible hysteresis model from one or more recordings of a stage. "
-        "Thresholds, weights, rate-dependence and saturation are all found from the data. Of the "
-        "options that are not given, all but the order are chosen on held-out rows and reported."
+        "Thresholds, weights, rate-dependence and saturation are all found from the data. Options "
+        "that are not given, except --order, are chosen on held-out rows and reported."
     )
     parser.epilog = (
         "examples: dehyst identify run.csv -o stage.toml --report findings\n"
         "          dehyst identify slow.csv fast.csv -o stage.toml --static --order 12"
     )
-    parser.add_argument("recordings", nargs="+", type=Path, metavar="REC")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL.toml")
+    parser.add_argument(
+        "recordings", nargs="+", type=Path, metavar="REC", help="recordings of one stage"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="MODEL.toml",
+        help="the model file to write",
+    )
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument("--static", action="store_true", help="identify without rate-dependence")
     kind.add_argument("--rate", action="store_true", help="identify with rate-dependent weights")
@@ -39,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bias",
         action=argparse.BooleanOptionalAction,
-        help="with or without even powers in the saturation (a loop that is not symmetric)",
+        help="with or without even powers in the saturation (for an asymmetric loop)",
     )
     parser.add_argument("--report", type=Path, metavar="DIR", help="write DIR/report.html")
     add_reading(parser)

@@ -24,9 +24,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"DIR/{JSON} and, with h5py, DIR/{HDF5} with NeXus names. Distortion is the rms distance "
         "between true and target position without the shift and the scale of each axis, which a "
         "calibration corrects. Seam is the rms distance between trace and retrace. Exit status "
-        f"0: the distortion of the compensated picture is at least {COMPENSATED_LEAST:g} times "
-        f"smaller than that of the raw one, that of the learned one {LEARNED_LEAST:g} times; 1: "
-        "it is not. No daemon is needed."
+        "0: the distortion of the compensated picture is smaller than that of the raw one by a "
+        f"factor of at least {COMPENSATED_LEAST:g}, and that of the learned one by at least "
+        f"{LEARNED_LEAST:g}; 1: it is not. No daemon is needed."
     )
     parser.epilog = "example: dehyst image -o pictures"
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")

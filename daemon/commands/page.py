@@ -15,8 +15,8 @@ from dehyst.drivers import system
 from dehyst.models.errors import BadInput
 
 EPILOG = """\
-Anybody on this machine may view the page and command. Beyond this machine the page needs TLS and
-passwords, for operators (view and command) and observers (view). /metrics is for Prometheus.
+Anybody on this machine may view the page and command the stage. On the network the page needs TLS
+and passwords, for operators (view and command) and observers (view). /metrics is for Prometheus.
 
 examples: dehyst page
           dehyst page --connect tcp/stage-pc:7447 --credentials observer/ --observe

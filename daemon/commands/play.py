@@ -51,7 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EPILOG
     parser.add_argument("trajectory", metavar="TRAJECTORY.csv")
     parser.add_argument(
-        "--column", default="", help="column with the targets (default: target_um or its like)"
+        "--column", default="", help="column with the targets (default: target_um or similar)"
     )
     parser.add_argument(
         "--offset-um",
@@ -96,8 +96,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--allow-unreachable",
         action="store_true",
-        help="play it even if it leaves the reach: the daemon goes as near as it can and flags "
-        "each such sample",
+        help="play it even where it leaves the reach: the daemon moves to the nearest position "
+        "and flags each such sample",
     )
     parser.add_argument(
         "--stay",
@@ -296,7 +296,7 @@ def say_of_step(target: NDArray[np.float64], status: "Status", axis: str) -> Non
     if jump > 0.01 * float(np.ptp(target)):
         say(
             f"the trajectory{' of ' + axis if axis else ''} ends {jump:g} {status.unit} from where "
-            "it begins: every repetition starts with that step, held back by the slew limit"
+            "it begins: every repetition starts with that step, limited only by the slew limit"
         )
 
 

@@ -32,12 +32,12 @@ the model's own zero, for identifying a new model for the same configuration. Mi
 fetched from the daemon's history; samples that are no longer there leave a gap in t_s.
 Ctrl-C ends the recording.
 
-The suffix says which kind of file: .csv grows line by line and is readable at every moment, what
-belongs with the numbers is in NAME.csv.meta.json; .csv.gz grows in blocks; .mcap opens in
-Foxglove and PlotJuggler; .npz is written at the end. For weeks: --rotate begins a new piece
-(run-00001.mcap, ...) after that time or size, t_s going on, and --keep deletes the oldest pieces of
-this recording where all of them would take more; with --force those of earlier recordings of the
-same name too.
+The suffix selects the format: .csv grows line by line and can be read at any time, with the
+metadata in NAME.csv.meta.json; .csv.gz grows in blocks; .mcap opens in Foxglove and PlotJuggler;
+.npz is written at the end. For recordings of days or weeks, --rotate begins a new piece
+(run-00001.mcap, ...) after that time or size, with t_s continuing, and --keep deletes the oldest
+pieces of this recording when the total would exceed that size; with --force, also those of earlier
+recordings of the same name.
 Exit 0: every sample written; 1: samples are missing; 2: no daemon, or the file cannot be written.
 
 examples: dehyst record -o run.csv --for 60

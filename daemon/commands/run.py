@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--check",
         metavar="FILE",
         type=Path,
-        help="check a configuration and its model and say what they mean; nothing moves",
+        help="check a configuration and its model and explain what they mean; nothing moves",
     )
     parser.add_argument(
         "--json", action="store_true", help="with --check: print every setting as JSON on stdout"

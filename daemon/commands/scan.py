@@ -161,11 +161,11 @@ def run(args: argparse.Namespace) -> int:
             raise BadInput(f"axis {name} is in {unit}: give --unit {unit}")
     said = require_reach(axes, targets, period_s)
     if not axes:
-        said.append("reach and slew are not checked: --config or --model gives them")
+        said.append("reach and slew are not checked: give --config or --model to check them")
         if not args.center:
             said.append(
-                "the path is centred at (0, 0), which the stage need not reach: --center X Y, or "
-                "--config, puts it elsewhere"
+                "the path is centred at (0, 0), which may be out of the stage's reach: give "
+                "--center X Y, or --config"
             )
     columns = {f"target_{name}_{args.unit}": values for name, values in targets.items()}
     columns["scan"] = scan.image.astype(float)

@@ -22,8 +22,8 @@ UNITS = ("mdt693b", "kpz101", *WITH_GAUGE, "ksg101")  # prefixes of an emulated 
 DESCRIPTION = """\
 Sets up a stage, from two plugged-in units to a validated model: finds the units, asks for the
 stage's limits, measures the rate, writes the configuration, exercises the stage gently, excites and
-records it, identifies a model, validates it on a new drive, tracks a sine without and with it, and
-prints how to run it.
+records it, identifies a model, validates it on a new drive, tracks a sine without and with the
+model, and prints how to run it.
 
 Before it moves anything, each step announces what it will move, and how far, and asks for
 confirmation. FOLDER/setup.json records which steps are done: the same command resumes where it
@@ -91,7 +91,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--slew",
         type=float,
         metavar="V_PER_S",
-        help="slew limit, V/s (default: 20 ranges a second)",
+        help="slew limit, V/s (default: 20 times the range per second)",
     )
     parser.add_argument(
         "--name",

@@ -22,7 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "Without a measured displacement the stage is assumed to be de-energised before the first "
         "row. With one, the start (de-energised, from above or from below) is the one that fits "
         "best, and the error is also given for the rows that no longer depend on the start, and "
-        "without its mean, as in diagnosis.json: the gauge may have had another zero."
+        "without its mean, as in diagnosis.json, because the gauge may have had another zero."
     )
     parser.epilog = "example: dehyst simulate stage.toml drive.csv -o predicted.csv"
     parser.add_argument("model", metavar="MODEL.toml", help="a file, or a shipped model by name")

@@ -48,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=within(2.0, 600.0),
         default=10.0,
         metavar="S",
-        help="time of one way there and back",
+        help="duration of one cycle, there and back",
     )
     parser.add_argument("--look", action="store_true", help="only print the difference")
     parser.add_argument(

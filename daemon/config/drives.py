@@ -17,9 +17,9 @@ def narrow_validity(config: Config, model: Model) -> str:
     if part >= SMALL_PART:
         return ""
     return (
-        f"of the limits, {limits.min_v:g} to {limits.max_v:g} V, the model is valid from "
-        f"{low * gain:g} to {high * gain:g} V only, {100 * part:.2g} %: it may be another stage's; "
-        "check model.file and actuator.gain"
+        f"the model is valid only from {low * gain:g} to {high * gain:g} V, {100 * part:.2g} % of "
+        f"the limits, {limits.min_v:g} to {limits.max_v:g} V: it may be another stage's; check "
+        "model.file and actuator.gain"
     )
 
 

@@ -218,7 +218,7 @@ def _describe_report(findings: Sequence[Finding], whole: bool) -> str:
     everything."""
     names = ", ".join(dict.fromkeys(f.name for f in findings)) or "nothing"
     says = "It is a single change" if whole else "Alone it explains most of what is new"
-    return f"{says}; the report fits the loop again and shows it as {names}."
+    return f"{says}; the report, which fits the loop again, shows it as {names}."
 
 
 def _describe_company(
@@ -230,8 +230,8 @@ def _describe_company(
     if not others or not leaves_nothing_new(findings[0], causes, left):
         return ""
     return (
-        f"The {findings[0].name} alone explains all that is new. The report shows what the model "
-        f"in use left before as {', '.join(others)}."
+        f"The {findings[0].name} alone explains all that is new. The report attributes what the "
+        f"model in use had left before to {', '.join(others)}."
     )
 
 

@@ -103,11 +103,11 @@ def why_to_stop(time_s: float, spent_s: float, worked_s: float) -> str:
     """Return why an examination must end, in words; "" if it may continue. spent_s: time since it
     began; worked_s: processor time. Waiting for a processor does not count as slow."""
     if worked_s > time_s:
-        return f"it was not done within {worked_s:.0f} s of a processor"
+        return f"it did not finish within {worked_s:.0f} s of processor time"
     if spent_s > STARVED * time_s:
         return (
-            f"other processes left it {worked_s:.0f} s of a processor in {spent_s:.0f} s; it "
-            f"may take {time_s:g} s of one"
+            f"other processes left it only {worked_s:.0f} s of processor time in {spent_s:.0f} s; "
+            f"it may use {time_s:g} s"
         )
     return ""
 

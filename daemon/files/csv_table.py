@@ -38,8 +38,11 @@ MISSING = {
     "", "nan", "-nan", "nan(ind)", "-nan(ind)", "nan(snan)", "-nan(snan)", "na", "n/a", "<na>",
     "nat", "null", "none", "nil", "-", "--", "---", "#n/a", "#nv", "#num!", "#zahl!", "#div/0!",
     "#value!", "#wert!", "#ref!", "#bezug!", "#name?", "#null!", "n.a.", "n.d.", "?",
-    "over", "overflow", "over range", "overrange", "ovld", "+ovld", "-ovld", "ol", "+ol", "-ol",
-    "ovl", "∞", "+∞", "-∞", "−∞",
+    "missing", "undef", "no data", "nodata", "\\n", ".", "k.a.",
+    *(sign + word for sign in ("", "+", "-") for word in (
+        "over", "overflow", "over range", "overrange", "overload", "ovld", "ovrflw", "ol", "ovl",
+        "ofl", "underflow", "under range", "underrange", "∞",
+    )), "−∞",
 }  # fmt: skip
 """Fields without a value; instruments write the last two rows of words beyond their range."""
 _NO_NUMBER = re.compile(r"[+-]?(1[.,]#\w+|9[.,]91?0*e\+?37)")

@@ -62,7 +62,7 @@ class AxisInbox:
         if self.flooded:
             count, self.flooded = self.flooded, 0
             self.admission.rejected["flood"] += count
-            self._refusals[(0, "flood")] = (count, "more commands than the daemon reads")
+            self._refusals[(0, "flood")] = (count, "more commands than the daemon can process")
         if not self._refusals:
             return
         self._published_ns = now_ns
@@ -164,7 +164,9 @@ class CommandIntake:
         try:
             command = encoding.decode_command(payload)
             if only_setpoints and not isinstance(command, Setpoint):
-                raise encoding.BadMessage("only set-points may be put; ask for everything else")
+                raise encoding.BadMessage(
+                    "only set-points may be sent by put; send everything else as a query"
+                )
         except encoding.BadMessage as error:
             reply = inbox.admission.refuse(now_ns, "bad-message", str(error))
         else:

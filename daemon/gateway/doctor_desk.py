@@ -188,7 +188,7 @@ class DoctorDesk:
                 if self._config.doctor.accept and now[1].tested is not None:
                     refused = self.decide("accept", now[0].number)
                     if refused:
-                        self._report(2, "doctor", f"not accepted by itself: {refused}")
+                        self._report(2, "doctor", f"not accepted automatically: {refused}")
 
     def _read(self, folder: Path) -> None:
         case = cases.get_record(folder, cases.CASE, Case)

@@ -39,9 +39,9 @@ MEANS = {
     "offset": "its zero has moved",
     "whole": "its motion has changed",
     "all": "its motion has changed, or its zero has moved",
-    "ringing": "it rings, or something vibrates it",
+    "ringing": "it rings, or is made to vibrate",
     "short": "its reading is noisier",
-    "fit": "the model fits far worse than it states",
+    "fit": "the model fits far worse than it claims",
     STUCK: "its reading is stuck",
     SILENT: "its gauge gives no valid reading",
 }
@@ -178,7 +178,7 @@ class MismatchWatch:
                 2,
                 "mismatch",
                 f"the stage does not behave like its model: {MEANS[self.figure]} (health "
-                f"{self.health:.2f}, where values above 1 are out of order; figure "
+                f"{self.health:.2f}, where values above 1 mean a mismatch; figure "
                 f"{self.figure!r})",
             )
         elif self.mismatch and not wrong:

@@ -208,7 +208,7 @@ TEXTS = {
     Note.STOP_FAILED: "ending although the output is at {:.4g} V: it does not reach its safe "
     "voltage",
     Note.ENDED: "the loop ends with the output at {:.4g} V",
-    Note.STOOD_STILL: "the loop paused for {:.2f} s; a motion goes on with a glide",
+    Note.STOOD_STILL: "the loop paused for {:.2f} s; a motion continues smoothly",
     Note.COMMANDS_DAMAGED: "{:.0f} damaged commands dropped",
     Note.TRIM_GOES_ON: "the trim resumes, gauge and model differ by {:.4g} {unit}",
     Note.TRIM_NO_READING: "trim frozen: no valid reading",

@@ -283,12 +283,12 @@ def look_at_trajectory(
             raise BadInput(f"{path.name}: is in {way.unit}, the controller takes {unit}")
     t_s = next(iter(ways.values())).t_s
     if t_s.size > MOST_POINTS:
-        raise BadInput(f"{path.name}: {t_s.size} points; at most {MOST_POINTS} are looked at")
+        raise BadInput(f"{path.name}: {t_s.size} points; at most {MOST_POINTS} are checked")
     np.save(folder / "trajectory.npy", np.stack([t_s, *(way.target for way in ways.values())]))
     found = {}
     for number, axis in enumerate(ways):
         of_axis = f" of {axis}" if axis else ""
-        say(f"what the drive{of_axis} has to do", 0.3 + 0.6 * number / len(ways))
+        say(f"computing the drive{of_axis}", 0.3 + 0.6 * number / len(ways))
         found[axis] = look_at_axis(axis, ways, settings)
     places = np.unique(np.linspace(0, t_s.size - 1, PREVIEWED).astype(int))
     whole = {

@@ -29,7 +29,9 @@ class ControllerMetrics(Collector):
     def collect(self) -> Iterator[Metric]:
         """Yield the metric families, each with the samples of all controllers."""
         here = ["controller"]
-        up = GaugeMetricFamily("dehyst_up", "1 if status arrives and the loop runs", labels=here)
+        up = GaugeMetricFamily(
+            "dehyst_up", "1 if status arrives and the loop is running", labels=here
+        )
         state = StateSetMetricFamily("dehyst_state", "State of the loop", labels=here)
         error = GaugeMetricFamily(
             "dehyst_error",
@@ -48,10 +50,12 @@ class ControllerMetrics(Collector):
         )
         health = GaugeMetricFamily(
             "dehyst_health",
-            "Misfit of stage and model over what is expected at most; below 0: learning",
+            "Misfit of stage and model, 1: the largest expected; below 0: learning",
             labels=here,
         )
-        mismatch = GaugeMetricFamily("dehyst_mismatch", "1: it is out of order", labels=here)
+        mismatch = GaugeMetricFamily(
+            "dehyst_mismatch", "1: stage and model do not match", labels=here
+        )
         trim = GaugeMetricFamily(
             "dehyst_trim",
             "Slow trim, in the displacement unit",

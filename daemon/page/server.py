@@ -225,7 +225,7 @@ class Site:
         self._known(request, operator=True)
         kind = request.path_params["kind"]
         if kind not in KINDS:
-            raise HTTPException(404, f"a file is for {', '.join(KINDS)}")
+            raise HTTPException(404, f"a file can be used for {', '.join(KINDS)}")
         watch = self.controllers.watches.get(request.query_params.get("controller", ""))
         settings = self._settings(watch) if watch is not None else {}
         if "" not in settings and kind == "trajectory":

@@ -215,7 +215,7 @@ class Visit:
                 await self._send(wire.encode_view("question", text=CUTS, offer=ask.offer))
                 return
             await asyncio.to_thread(watch.decide_offer, ask.action, int(ask.offer))
-            self.say(f"{ask.action}: it is being done")
+            self.say(f"{ask.action}: in progress")
             return
         commander = self._commander(watch)
         if isinstance(ask, wire.Stop):
@@ -282,7 +282,7 @@ class Visit:
         with watch.lock:
             newest_ns = watch.buckets.newest_ns
             if not end_ns - first_ns > 0 or newest_ns < 0:
-                raise BadInput("this section of the past has no data")
+                raise BadInput("there is no data for this period")
             level = level_between(newest_ns, first_ns, end_ns, ask.width_px)
             piece = watch.buckets.since(level, -1, (newest_ns - first_ns) * 1e-9)
         inside = piece.number * (FINEST_NS << level) <= end_ns

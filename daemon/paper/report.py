@@ -66,7 +66,7 @@ def by_stage(results: Sequence[Result]) -> dict[str, list[Result]]:
 
 def page(results: Sequence[Result]) -> str:
     """Return the whole page as HTML text."""
-    out = Page("The paper's experiments again")
+    out = Page("The paper's experiments repeated")
     out.add_text(RULE)
     out.add_table(HEAD, rows(results))
     for text in filter(None, map(maximum_says, results)):

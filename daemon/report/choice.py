@@ -49,9 +49,9 @@ def explain_choice(result: Identification) -> str:
     coarse = chosen.params.slopes.size // (1 + chosen.shape.rate)
     lag = f", {chosen.lag.name}" if chosen.lag is not None else ""
     says = [
-        f"Hold-out chose: {result.shape.name}{lag}; {n} operator{'s' if n > 1 else ''}. Of "
-        f"{len(result.tried)} structures, compared with {coarse} operators, this one "
-        f"leaves {chosen.held_rms:.3g} {unit} rms in stretches that were held out of the fit.",
+        f"Chosen on held-out data: {result.shape.name}{lag}; {n} operator{'s' if n > 1 else ''}. "
+        f"Of {len(result.tried)} structures, compared with {coarse} operators, it leaves "
+        f"{chosen.held_rms:.3g} {unit} rms in stretches that were held out of the fit.",
     ]
     parts: tuple[tuple[str, Has], ...] = (
         ("rate-dependent weights", has_rate),
@@ -61,7 +61,7 @@ def explain_choice(result: Identification) -> str:
     used = [(name, _best_without(result, has)) for name, has in parts if has(chosen)]
     gains = [f"{one.held_rms:.3g} {unit} without {name}" for name, one in used if one]
     if gains:
-        says.append(f"The best of the others leaves {', '.join(gains)}.")
+        says.append(f"The best alternatives leave {', '.join(gains)}.")
     if not has_rate(chosen):
         says.append(_tell_of_rate(result, unit))
     if not has_dynamics(chosen):
@@ -88,7 +88,7 @@ def _tell_of_dynamics(result: Identification, unit: str) -> str:
         return ""
     best = min(others, key=lambda c: c.held_rms)
     kind = _find_kind(best)
-    return f"With a {kind} it leaves {best.held_rms:.3g} {unit}, which is no gain beyond chance."
+    return f"With a {kind} it leaves {best.held_rms:.3g} {unit}, no significant improvement."
 
 
 def _best_without(result: Identification, has: Has) -> TriedStructure | None:

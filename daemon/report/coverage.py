@@ -14,7 +14,7 @@ def draw_drive_and_rate(covered: Coverage, unit: str, axes: Axes) -> str:
     image = axes.pcolormesh(
         covered.drive_edges, covered.rate_edges, np.log10(counts), cmap="viridis"
     )
-    title = f"{covered.covered:.0%} of the cells covered (grey: never)"
+    title = f"{covered.covered:.0%} of the cells covered (grey: none)"
     unit = spell_unit(unit)
     axes.set(xlabel=f"drive, {unit}", ylabel=f"rate, {unit}/s", facecolor="#e3e3e3", title=title)
     axes.grid(False)
@@ -29,8 +29,8 @@ def draw_loop_sizes(covered: Coverage, axes: Axes) -> str:
     for edge in SIZE_EDGES[1:-1]:
         axes.axvline(edge * 100, color=UNUSED, lw=0.8, ls="--")
     axes.set(
-        xlabel="travel between two turns, % of the range",
-        ylabel="how often",
-        title="sizes of the loops",
+        xlabel="travel between two reversals, % of the range",
+        ylabel="count",
+        title="loop sizes",
     )
-    return f"Sizes of the loops: {covered.sizes.size} travels between turns of the drive."
+    return f"Loop sizes: {covered.sizes.size} travels between reversals of the drive."

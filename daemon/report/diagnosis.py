@@ -11,9 +11,9 @@ from dehyst.models.units import spell_size, spell_unit
 
 MODELS = ("model in use", "augmented model")
 TITLES = {
-    "clean": "Diagnosis: the model lacks nothing that these recordings show",
+    "clean": "Diagnosis: these recordings show nothing that the model lacks",
     "explained": "Diagnosis: the model's error is explained",
-    "partly": "Diagnosis: a part of the model's error is explained",
+    "partly": "Diagnosis: part of the model's error is explained",
     "unknown": "Diagnosis: the model's error is not explained",
 }
 """Title of the report by verdict."""
@@ -51,8 +51,8 @@ def report_diagnosis(diagnosis: Diagnosis, names: list[str]) -> str:
         out.add_text(diagnosis.next_experiment)
     out.add_heading("Where the misfit occurs")
     out.add_text(
-        "Rms error where the recording was at that time, drive, rate and so on. Orange above green "
-        "is what the model in use misses, blue above green what the augmented model still misses.",
+        "Rms error by time, drive, rate and so on. Where orange lies above green, the model in use "
+        "misses something; where blue does, the augmented model still does.",
         "soft",
     )
     out.add_pictures(*pictures.list_places(diagnosis))
@@ -72,11 +72,11 @@ def say_verdict(diagnosis: Diagnosis) -> str:
     causes = " and ".join([", ".join(known[:-1]), known[-1]] if len(known) > 1 else known)
     explain = "explain" if len(known) > 1 else "explains"
     if diagnosis.verdict == "clean":
-        return f"{first}: nothing was left out that these recordings could show."
+        return f"{first}: these recordings show nothing that it lacks."
     if diagnosis.verdict == "explained":
         return f"{first}; {causes} {explain} it, and the augmented model leaves {after:.3g} {unit}."
     if known and any(f.name == "unknown" for f in diagnosis.findings):
-        return f"{first}; {causes} {explain} a part, and {after:.3g} {unit} are left unexplained."
+        return f"{first}; {causes} {explain} part of it, and {after:.3g} {unit} remain unexplained."
     if known:
         return (
             f"{first}; {causes} {explain} it, but the augmented model does not predict all of it: "
@@ -146,8 +146,8 @@ def _limits(out: Page, diagnosis: Diagnosis) -> None:
         return
     out.add_heading("Excluded effects")
     out.add_text(
-        "Effects that were not found, and the size from which these recordings would have shown "
-        "them.",
+        "Effects that were not found, and the smallest size that these recordings would have "
+        "shown.",
         "soft",
     )
     rows = []

@@ -89,7 +89,7 @@ def draw_error_spectrum(diagnosis: Diagnosis, axes: Axes) -> str:
     scale_by_decades(axes, y=True)
     axes.set(xlabel="frequency, Hz", ylabel=f"error, {unit}/√Hz", title="spectrum of the errors")
     add_legend(axes)
-    return "Spectrum of the errors before and after, against white noise."
+    return "Spectrum of the errors before and after, compared with white noise."
 
 
 def list_loop(diagnosis: Diagnosis) -> list[Draw]:
@@ -139,7 +139,7 @@ def _draw_swings(diagnosis: Diagnosis, axes: Axes) -> str:
     axes.set(
         xlabel=f"travel since the last reversal, {volts}",
         ylabel=f"error, {unit}",
-        title="model in use, after a turn",
+        title="model in use, after a reversal",
     )
     return "Mean error of the model in use by the travel since the last reversal of the drive."
 
@@ -187,7 +187,7 @@ def list_places(diagnosis: Diagnosis) -> list[Draw]:
             (drive, by_drive, f"drive, moving up, {volts}", rising),
             (drive, by_drive, f"drive, moving down, {volts}", ~rising),
             (rate, by_rate, f"rate, {volts}/s", always),
-            (since, _log_edges(since), "time since the last turn, s", always),
+            (since, _log_edges(since), "time since the last reversal, s", always),
             (held, _log_edges(held), "time in a hold, s", held > 0),
         )
     ]
@@ -203,9 +203,9 @@ def _draw_place(
     axes.set(xlabel=label, title=f"by {label.rsplit(', ', 1)[0]}")
     if edges.size < 2 or ok.sum() < FEW:
         middle = {"ha": "center", "va": "center"}
-        axes.text(0.5, 0.5, "none in these\nrecordings", middle, transform=axes.transAxes)
+        axes.text(0.5, 0.5, "no samples in\nthese recordings", middle, transform=axes.transAxes)
         axes.set(xticks=[], yticks=[])
-        return f"Rms error by {label}: these recordings have none."
+        return f"Rms error by {label}: no samples in these recordings."
     index = np.digitize(place[ok], edges) - 1
     for name, color, text in MODELS:
         error = np.concatenate([v.displacement - getattr(v, name) for v in diagnosis.views])[ok]
@@ -217,7 +217,7 @@ def _draw_place(
     axes.set_ylim(bottom=0)
     axes.set_ylabel(f"rms error, {unit}")
     add_legend(axes)
-    return f"Rms error by {label}, before and after, against the noise."
+    return f"Rms error by {label}, before and after, compared with the noise."
 
 
 def _log_edges(x: Floats) -> Floats:

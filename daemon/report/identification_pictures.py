@@ -114,7 +114,7 @@ def draw_residual_over_drive(
     )
     if axes.get_legend_handles_labels()[0]:
         add_legend(axes, 0.18)
-    return "Residual over the drive, rising and falling apart; lines are means."
+    return "Residual over the drive, rising and falling separately; lines are means."
 
 
 def draw_residual_spectrum(
@@ -128,7 +128,7 @@ def draw_residual_spectrum(
     scale_by_decades(axes, y=True)
     axes.set(xlabel="frequency, Hz", ylabel=f"{unit}/√Hz", title="spectrum of the residual")
     add_legend(axes, 0.18)
-    return "Spectrum of the residual against white noise of the estimated size."
+    return "Spectrum of the residual, compared with white noise of the estimated level."
 
 
 def draw_orders(result: Identification, axes: Axes) -> str:
@@ -144,9 +144,9 @@ def draw_orders(result: Identification, axes: Axes) -> str:
     axes.set(
         xlabel="operators",
         ylabel=f"rms, {unit}",
-        title=f"fitted rows, by number of operators (taken: {chosen})",
+        title=f"fitted rows, by number of operators (chosen: {chosen})",
     )
-    return f"Misfit of the fitted rows by the number of operators; {chosen} were taken."
+    return f"Misfit of the fitted rows by the number of operators; {chosen} were chosen."
 
 
 def draw_structures(result: Identification, axes: Axes) -> str:

@@ -26,13 +26,13 @@ def say_validation(model: str, v: Validation) -> str:
     """State in one line how well a model predicts a recording, and add notes on rows outside its
     validity, on late samples and on repeated readings."""
     unit = spell_unit(v.unit)
-    claim = "no claim to compare" if v.claim is None else f"it claims {v.claim:.4g}"
+    claim = "no claimed error" if v.claim is None else f"the model claims {v.claim:.4g}"
     noise = f"{v.noise:.4g}" if math.isfinite(v.noise) else "not known"
     verdict = "WORSE than it claims" if v.worse else "as good as it claims"
     text = (
         f"{model} on {v.name}: {v.rms:.4g} {unit} rms, {say_share(v)}, {claim}"
         + (f": {verdict}" if v.claim is not None else "")
-        + f"; offset {v.offset:.4g} {unit}, noise {noise}; what is left is "
+        + f"; offset {v.offset:.4g} {unit}, noise {noise}; the residual is "
         + ("white" if v.white else "not white")
         + f", correlation with the drive {v.tied_to_drive:.2g} (chance {v.chance:.2g})"
         + say_within(v)
@@ -54,9 +54,9 @@ def say_validation(model: str, v: Validation) -> str:
         late = how_many(v.late, "row at a late sample is", "rows at late samples are")
         text += f"\nnote: {late} not judged"
     if v.repeats:
-        before = "the reading of the row before and"
+        before = "the previous reading and"
         repeats = how_many(v.repeats, f"row repeats {before} is", f"rows repeat {before} are")
-        text += f"\nnote: {repeats} not judged: the gauge was polled faster than it reads"
+        text += f"\nnote: {repeats} not judged: the gauge was polled faster than it updates"
     if v.stuck:
         same = "exactly the same reading while the drive moves and"
         stuck = how_many(v.stuck, f"row has {same} is", f"rows have {same} are")

@@ -23,15 +23,15 @@ def verdict(result: Identification) -> str:
         return f"T{left[1:]}; the recording shows no noise to compare with."
     ratio, floor = rms / noise, f"the noise is about {noise:.3g} {unit}"
     if ratio <= AT_NOISE:
-        return f"The residual is at the noise: {left}, {floor}. {_state_rest(result)}"
+        return f"The residual is at the noise level: {left}, {floor}. {_state_rest(result)}"
     excess = math.sqrt(max(rms**2 - noise**2, 0.0))
     rows = max(one.size for one in result.residuals)
-    asked = "Ask `dehyst diagnose` which physics is missing."
+    asked = "Run `dehyst diagnose` to find which physics is missing."
     if rows < DIAGNOSIS.least_samples:
-        asked = f"`dehyst diagnose` needs {DIAGNOSIS.least_samples} rows to say which; record more."
+        asked = f"`dehyst diagnose` needs {DIAGNOSIS.least_samples} rows to name it; record more."
     return (
-        f"The residual is {ratio:.1f} times the noise: {left}, {floor}, so {excess:.3g} {unit} are "
-        f"left that a better model could explain. {asked}"
+        f"The residual is {ratio:.1f} times the noise: {left}, {floor}, so a better model could "
+        f"explain another {excess:.3g} {unit}. {asked}"
     )
 
 
@@ -40,5 +40,5 @@ def _state_rest(result: Identification) -> str:
     rows = sum(int(np.count_nonzero(~np.isnan(one))) for one in result.residuals)
     fitted = sum(int(np.count_nonzero(one)) for one in result.used)
     if fitted >= MOST_ROWS * rows:
-        return "This recording leaves little to explain."
+        return "Little is left to explain in this recording."
     return f"This holds for the {fitted} of {rows} rows that were fitted."

@@ -61,7 +61,7 @@ def write_axes_configuration(bench: Workbench) -> Result:
             except BadInput as error:
                 raise BadInput(f"axis {axis}: {error}") from None
         rate_hz = next(iter(configs.values())).loop.rate_hz
-        return {"words": f"{CONFIG} as it is", "rate_hz": rate_hz}
+        return {"words": f"{CONFIG} is used unchanged", "rate_hz": rate_hz}
     rate_hz = chosen_rate(bench)
     replace_configuration(bench, _text_of(bench, rate_hz))
     for config in bench.configs().values():
@@ -125,7 +125,7 @@ def identify_models(bench: Workbench) -> Result:
         found.report(bench.in_folder("report.html", axis), path.name)
         share = (found.rms or 0.0) / found.figures.stroke
         follows = [block.channel for block in found.model.blocks if block.channel]
-        words = f"{path.name}: {share:.2%} of the stroke left"
+        words = f"{path.name}: residual {share:.2%} of the stroke"
         words += f", follows {', '.join(follows)}" if follows else ""
         if Path(config.model.file).name != path.name:
             bench.say(f"   {CONFIG} has {config.model.file} for axis {axis}: put {path.name} there")

@@ -171,7 +171,7 @@ def summarise_comparison(
     return {
         "words": f"{plan.stroke:.4g} {plan.unit} at {plan.f_hz:.3g} Hz: {before.rms_nm:.0f} nm rms "
         f"with a linear gain, {after.rms_nm:.0f} nm compensated, {smaller:.1f} times smaller, "
-        f"with the gauge's zero set in the cycle before; {picture.name}{busy}",
+        f"with the gauge's zero set in the previous cycle; {picture.name}{busy}",
         "linear_rms_nm": before.rms_nm,
         "compensated_rms_nm": after.rms_nm,
         "times_smaller": smaller,

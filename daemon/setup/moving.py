@@ -203,7 +203,7 @@ def judge_recording(
     late = max(0, due - found.size)
     words = (
         f"{path.name}: {how_many(found.size, 'sample')}, {late} too late, {covered.covered:.0%} "
-        "of drive and rate covered"
+        "of the drive-rate plane covered"
     )
     if covered.missing_rate and identified:
         words += f"; not enough for a rate-dependent model: {'; '.join(covered.missing_rate)}"

@@ -167,7 +167,7 @@ def write_configuration(bench: Workbench) -> Result:
     if bench.has_own_config():
         config = bench.config()
         check_unopened(config)
-        return {"words": f"{CONFIG} as it is", "rate_hz": config.loop.rate_hz}
+        return {"words": f"{CONFIG} is used unchanged", "rate_hz": config.loop.rate_hz}
     units, limits = bench.journal.result("units"), bench.journal.result("limits")
     rate_hz = chosen_rate(bench)
     text = write_commented(
@@ -251,7 +251,7 @@ def validate_on(model: Path, fresh: Result, report: Path) -> Result:
     found = validate(model, recording)
     found.report(report)
     one = found.results[0]
-    words = f"predicted to {one.share:.2%} of the span ({one.rms:.3g} {one.unit} rms)"
+    words = f"predicted to within {one.share:.2%} of the span ({one.rms:.3g} {one.unit} rms)"
     if one.worse:
         words += (
             f", worse than it claims ({one.claim:.3g} {one.unit} rms); what it lacks: dehyst "
@@ -283,7 +283,7 @@ def say_what_next(bench: Workbench, models: Iterable[Path], *more: str) -> Resul
     config = quoted(bench.config_path)
     for line in (
         f"dehyst run --config {config}     # in a terminal; `dehyst watch` in another",
-        "dehyst zero --exercise     # once it runs: the history of the stage is unknown then",
+        "dehyst zero --exercise     # once it is running: the stage's history is still unknown",
         *more,
         'as a service: the nine commands of README.md, "Run it as a service", the second one with',
         f"  install -D -m 0640 {config} {' '.join(map(quoted, models))} -t /etc/dehyst",

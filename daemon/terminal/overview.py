@@ -17,7 +17,7 @@ MOST_MISSED = 1e-3
 LONGEST_START_S = 300.0
 """A longer start is reported as a problem; compiling all kernels takes one to three minutes."""
 REASONS = {
-    "start": "kernels are compiled and devices opened; the output stays as found",
+    "start": "kernels are compiled and devices opened; the output is left unchanged",
     "ready": "no client commands the stage; the output stays where it is",
     "running": "the stage follows set-points or a trajectory",
     "holding": "no more set-points arrive; the output stays, then ramps to its safe voltage",

@@ -105,7 +105,7 @@ def time_sets(
     if not abs(float(reading.value) - volts) <= TUNING.same_v:
         raise OutOfRange(
             f"axis x reads back {reading.value} V, not {volts:g} V; sets are timed only at the "
-            "voltage at which the output stands. Nothing was set"
+            "present output voltage. Nothing was set"
         )
     return _time(port, dialect, f"xvoltage={volts:.3f}", count, Ack, clock)
 

@@ -79,7 +79,7 @@ def simulate_parts(
     if u.size > 1 and not np.all(np.diff(t) > 0):
         raise BadInput("times must be strictly increasing")
     if not np.all(np.isfinite(u)) or not np.all(np.isfinite(t)):
-        raise BadInput("the drive has values that are not finite; simulate its whole pieces")
+        raise BadInput("the drive has values that are not finite; simulate the pieces between them")
     beside = [b for b in model.blocks if KINDS[b.kind].is_parallel]
     for block in (b for b in model.blocks if b.place == "drive"):
         u = _block(model, block, u, t, channels)

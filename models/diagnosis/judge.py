@@ -141,9 +141,9 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
     if not why and size and not size.whole and size.key in parameters_at_bound(effect):
         why = "its size is at a bound: not identified"
     if trial.worth <= 0:
-        why = why or "not worth its parameters"
+        why = why or "its improvement does not justify its parameters"
     elif mean_square < least_power(state, trial.candidate) and not is_sure(state, trial, left):
-        why = why or "too small against the noise"
+        why = why or "too small compared with the noise"
     elif trial.candidate.driven and mean_square < least_share(state, left) * left:
         why = why or "too small a part of the misfit"
     else:

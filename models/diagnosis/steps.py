@@ -67,7 +67,7 @@ def diagnose(
             (one,) = (one for one in recordings if one.name == odd)
             beyond = finite_rms(_predict_centred(others.model, one))
             says = (
-                f"the recording {odd} does not belong to the others, and was left out"
+                f"the recording {odd} does not match the others, and was left out"
                 if beyond > TUNING.near * others.noise
                 else f"the recording {odd} was left out of the fits, and the model predicts it"
             )
@@ -138,13 +138,14 @@ def _report(
         times = np.sqrt(written.alone) / judged.noise
         warnings += (
             f"fitted to one of the two recordings, the model leaves {times:.2g} times the noise in "
-            "the other: what differs between them is not explained; a third recording shows it",
+            "the other: the difference between them is not explained; add a third recording",
         )
     if not written.holds_elsewhere(judged.noise):
         times = written.elsewhere / judged.noise
+        error = f"has an error of {times:.2g} times the noise" if np.isfinite(times) else "diverges"
         warnings += (
-            f"on loops of other sizes and places the model is uncertain by {times:.2g} times the "
-            "noise: record turns of several sizes all over the range",
+            f"on loops of other sizes and positions the model {error} (estimated by leaving out "
+            "parts of the recordings): record loops of several sizes throughout the range",
         )
     quality = survey(whole, fitted, noises, judged.unexplained, warnings)
     diagnosis = Diagnosis(

@@ -162,7 +162,8 @@ def _jackknife_elsewhere(chosen: WritableFit, groups: Sequence[Bools], model: Mo
     except BadModel:  # a parameter value that the model format does not allow
         return np.inf
     moved = [measure_difference_elsewhere(one, model, data) for one in without]
-    return float(np.sqrt((n - 1) / n * np.sum(np.square(moved))))
+    error = float(np.sqrt((n - 1) / n * np.sum(np.square(moved))))
+    return error if np.isfinite(error) else np.inf
 
 
 def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[WritableFit]:

@@ -171,13 +171,13 @@ def _find_missing(
     static, rate = [], []
     if round(cycles, 1) < TUNING.fewest_cycles:
         static.append(
-            f"the drive goes through its range only {cycles:.1f} times; "
-            f"{TUNING.fewest_cycles:.0f} or more are needed to hold a part out"
+            f"the drive traverses its range only {cycles:.1f} times; "
+            f"{TUNING.fewest_cycles:.0f} or more are needed, so that a part can be held out"
         )
     if steps < TUNING.steps_per_span:
         static.append(
-            f"only {steps:.0f} samples for one way through the range; sample faster or drive "
-            "slower to see small loops"
+            f"only {steps:.0f} samples per traverse of the range; sample faster or drive "
+            "slower to resolve small loops"
         )
     found = _count_classes(sizes) > 0
     if int(found.sum()) < TUNING.enough_sizes:
@@ -189,9 +189,9 @@ def _find_missing(
         )
     if covered < TUNING.enough_cells:
         rate.append(
-            f"only {covered:.0%} of drive and rate are covered "
+            f"only {covered:.0%} of the drive-rate plane is covered "
             f"(up to {rate_max:.3g} {spell_unit(unit)}/s): "
-            "rate and drive are tied together as in one sine or triangle, so a rate-dependence "
-            "may be a part of the shape of the loop"
+            "drive and rate are correlated, as in a single sine or triangle, so rate-dependence "
+            "cannot be distinguished from the shape of the loop"
         )
     return tuple(static), tuple(rate)

@@ -148,7 +148,7 @@ def _burst_then_hold(limits: Limits) -> Floats:
 
 
 WAVEFORMS = (
-    Waveform("rest", "go to the middle and stay there; let everything else run as usual", _rest),
+    Waveform("rest", "hold mid-range; let everything else run as usual", _rest),
     Waveform("holds", "step up and down to several levels and hold each", _holds),
     Waveform("one step", "one large step up, a long hold, one down, a long hold", _one_step),
     Waveform("small sweep", "a sweep to high frequency at 4 % of the range", _small_chirp),

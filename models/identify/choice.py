@@ -63,25 +63,23 @@ def make_choice(setup: FitSetup, options: Options, progress: Callable[[str], Non
             return _without_vague_lag(rich, options, progress)
         if rich.best.has_lag and _outlasts_drift(rich, period_s):
             rich.notes.append(
-                "one rate: the lag or delay may also be a part of the loop's shape; a second "
-                "recording at another rate, or one with an edge, shows which"
+                "only one rate: the lag or delay may instead be part of the loop's shape; a second "
+                "recording at another rate, or one with a step, decides which"
             )
             return rich  # with a lag the stage is dynamic: then its weights may be, too
     shown = Shown(rates=False, lags=lags)
     found = _choose_without_drift(setup, options, progress, shown, drives)
     kept = found.best.lag is not None and _outlasts_drift(found, period_s)
     hidden = "rate-dependence cannot be distinguished from the hysteresis"
-    left = f"one rate: {hidden}, and the model has none"
+    left = f"only one rate: {hidden}, and the model has none"
     if not kept:
         left = f"lag, delay, resonance and {hidden}, and the model is static"
-        left = f"{'one rate' if shown.lags else 'one loop at one rate'}: {left}"
+        left = f"only {'one rate' if shown.lags else 'one loop at one rate'}: {left}"
         if found.best.lag is not None:
             shown = Shown(rates=False, lags=False)
             found = _choose(found.setup, options, progress, shown, drives, found.ramp, found.notes)
     if options.rate is None:
-        found.notes.append(
-            f"{left}; a second recording at another rate, or one with an edge, identifies it"
-        )
+        found.notes.append(f"{left}; add a second recording at another rate, or one with a step")
     return found
 
 
@@ -94,8 +92,8 @@ def _without_vague_lag(found: Choice, options: Options, progress: Callable[[str]
     shown = found.shown._replace(lags=False)
     static = _choose(found.setup, options, progress, shown, found.drives, found.ramp, found.notes)
     static.notes.append(
-        "a lag or delay would remove less than a third of what the model leaves, as the loop's "
-        "shape may too: the model has none; a recording with an edge shows it"
+        "a lag or delay would remove less than a third of the residual, and the loop's shape may "
+        "do the same: the model has neither; a recording with a step shows whether there is one"
     )
     return static
 
@@ -145,7 +143,7 @@ def _choose(
         if count <= 1e-3 * errors[0].size:
             break
     if wild:
-        notes.append(f"{wild} lone displacement values far off their neighbours were left out")
+        notes.append(f"{wild} isolated displacement outliers were left out")
     if not any((c.shape, c.offset, c.lag) == (best.shape, best.offset, best.lag) for c in tried):
         tried = [*tried, best]  # its lag was refined
     return Choice(setup, search, tried, best, notes, shown, drives, ramp)
@@ -200,9 +198,9 @@ def fit_chosen(
             return best, fitted
         if not turns:
             failed.append((left, best, fitted))
-        why = "did not converge on all rows" if strays else "would turn over within reach"
+        why = "did not converge on all rows" if strays else "would be non-monotone within the reach"
         lag = f" with a {best.lag.kind}" if best.lag is not None else ""
-        notes.append(f"{shape.name}{lag}: {why} and was not taken")
+        notes.append(f"{shape.name}{lag}: {why} and was not chosen")
         others = []
         kind, size = (best.shape.rate, best.lag is None), len(shape.powers)
         same = [c for c in rest if (c.shape.rate, c.lag is None) == kind]

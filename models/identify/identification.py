@@ -187,11 +187,11 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     best, fitted = fit_chosen(chosen, options, progress, notes)
     if fitted.costly:
         notes.append(
-            "the fit that leaves least would move against the drive right after a reversal, and "
-            "could not be inverted; the nearest model that can be is used"
+            "the best fit would move against the drive right after a reversal, and could not be "
+            "inverted; the nearest invertible model is used"
         )
     if (size := count_picked(setup.picks)) > TUNING.rows_fitted:
-        notes.append(f"a random part of the {size} rows was fitted; the error is that of all rows")
+        notes.append(f"a random subset of the {size} rows was fitted; the error refers to all rows")
     if best.lag is not None and best.lag in search.untold:
         notes.append(best.lag.doubt)
     flat = setup
@@ -219,9 +219,9 @@ def _follow_drift(found: _Found, unit: str) -> _Found:
     if abs(slope) <= TUNING.certain * doubt:
         return found
     found.notes.append(
-        f"the displacement drifts, by {slope * means.size:+.3g} {spell_unit(unit)} over the "
-        "recording, along a straight line; the model's offset is that of the end, and the stated "
-        "interval does not include the drift"
+        f"the displacement drifts linearly, by {slope * means.size:+.3g} {spell_unit(unit)} over "
+        "the recording; the model's offset is that at its end, and the stated interval does not "
+        "include the drift"
     )
     return replace(found, drifted=float(means[-2:].mean()))
 

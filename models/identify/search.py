@@ -348,9 +348,9 @@ class DriftTrial(Trial):
         return [lot._replace(group=at) for lot, at in zip(lots, numbers, strict=True)]
 
 
-NO_GAIN = "this is no gain beyond chance"
+NO_GAIN = "this is not a significant improvement"
 NO_SEGMENTS = "but they do not predict whole segments of the drive that were held out"
-AS_PLACE = "but slopes that depend on the place predict as well"
+AS_PLACE = "but slopes that depend on the position predict equally well"
 
 TRAILS = 0.25 * 0.08 / math.log(10.0)
 """Part of a period by which creep of 8 % a decade, as strong as a piezo's may be, trails: an angle

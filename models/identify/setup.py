@@ -287,7 +287,7 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
         allowed.append(one.use & slow & ~far)
     if beyond:
         rows_were = "row was" if beyond == 1 else "rows were"
-        notes.append(f"{beyond} {rows_were} left out: the rate there hardly ever occurs")
+        notes.append(f"{beyond} {rows_were} left out, because rates as high as theirs are too rare")
     virgin = any(one.virgin for one in rows) and trust_start
     known = [_memory_is_known(one, one.virgin and trust_start) for one in rows]
     picks, running = [use & k for use, k in zip(allowed, known, strict=True)], None
@@ -310,7 +310,7 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
     slope = _fit_mean_slope(u, y)
     if slope < 0:
         notes.append(
-            "the displacement falls where the drive rises; the saturation carries the sign"
+            "the displacement falls as the drive rises; the negative sign is in the saturation"
         )
     size = max(abs(slope), 1e-12 * float(np.ptp(y)) / (high - low), 1e-300)
     limits = (TUNING.crumb * size, TUNING.far * size) if monotone else None

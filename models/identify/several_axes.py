@@ -81,6 +81,6 @@ def _used(found: Identification) -> list[Floats]:
 def _tell(one: Coupled, unit: str) -> str:
     """Describe a coupling in words."""
     return (
-        f"{one.channel} moves this axis by {one.gain:+.3g} {unit} per unit: it stays in the model "
-        f"(held out, where it moves: {one.before:.3g} {unit} without, {one.after:.3g} with)"
+        f"{one.channel} moves this axis by {one.gain:+.3g} {unit} per unit: the model includes it "
+        f"(held-out error while it moves: {one.before:.3g} {unit} without, {one.after:.3g} with)"
     )

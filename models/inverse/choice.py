@@ -39,7 +39,7 @@ def choose_mode(
     stroke = mean_slope(model, low, high) * (high - low)
     if price > TUNING.too_far * stroke:
         why = f"the weights are so far from monotone ({price:.3g} {unit} rms) that only the"
-        return ModeChoice("static", f"{why} nearest monotone model is of use", False)
+        return ModeChoice("static", f"{why} nearest monotone model can be used", False)
     if not h.static:
         why = "the model depends on the rate"
         planned = True

@@ -44,7 +44,7 @@ FLAG_NAMES = {
     sample.BEYOND_SATURATION: "target beyond the saturation",
     sample.BEYOND_DRIVE: "target beyond the drive range",
     sample.SLEW: "limited by the slew rate",
-    sample.STARVED: "fewer targets ahead than the mode wants",
+    sample.STARVED: "fewer targets ahead than the mode needs",
     sample.BAD_TARGET: "target not finite: held",
     sample.OUTSIDE: "outside the range or rate that the model was identified in",
 }

@@ -141,9 +141,9 @@ class Learner:
         elif not wrong:
             wrong = self._find_settling(repeats) or self._find_knock(repeats)
         if wrong:
-            return self._make_outcome(rms, mean, False, f"not learned from: {wrong}")
+            return self._make_outcome(rms, mean, False, f"not used for learning: {wrong}")
         if self._does_not_follow(self._spectrum(error), self._spectrum(one.used)):
-            return self._make_outcome(rms, mean, False, f"not learned from: {self._stopped}")
+            return self._make_outcome(rms, mean, False, f"not used for learning: {self._stopped}")
         says = self._learn(error, one.used, repeats)
         return self._make_outcome(rms, mean, True, says)
 
@@ -216,7 +216,7 @@ class Learner:
                 stopped.append(f"{self.hertz[band][0]:.3g} to {self.hertz[band][-1]:.3g} Hz")
         if not stopped:
             return ""
-        return f"no longer learned at {', '.join(stopped)}: the error does not follow there"
+        return f"learning stopped at {', '.join(stopped)}: the error does not respond there"
 
     def _does_not_follow(self, e: Spectrum, u: Spectrum) -> bool:
         """Restore the initial correction and stop where the pass' error does not follow it."""
@@ -263,7 +263,7 @@ class Learner:
         if self._known or self.passes > TUNING.settling:
             return ""
         if self.passes == 1:
-            return "the first pass starts from elsewhere"
+            return "the first pass starts from another position"
         if not self.closed:
             return ""
         m = min(max(TUNING.seam, self.n // 50), self.n // 2)
@@ -273,7 +273,7 @@ class Learner:
         apart = before - after
         if abs(apart) <= TUNING.seam_noises * self.noise * math.sqrt(8.0 / m):
             return ""
-        return f"it still settles, by {apart:+.3g} from its beginning to its end"
+        return f"the stage is still settling, by {apart:+.3g} from start to end of the pass"
 
     def _find_knock(self, repeats: Floats) -> str:
         """Return a message where a pass differs from earlier ones at one place far more than

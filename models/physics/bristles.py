@@ -160,7 +160,7 @@ class Friction(Candidate):
 
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
-            "The guide has friction: after each turn the stage lags by "
+            "The guide has friction: after each reversal the stage lags by "
             f"{format_length(values['extra_um'])} more at low speed than at high speed; check the "
             "guide and its preload."
         )

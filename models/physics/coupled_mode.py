@@ -143,7 +143,7 @@ class CoupledMode(Coupling):
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
         gaps = np.diff(np.log(np.sort(theta[::2])))
-        return "two of its modes are one" if np.any(gaps < SAME_MODE) else ""
+        return "two of its modes coincide" if np.any(gaps < SAME_MODE) else ""
 
     def _mode(self, data: Data, frequency: float, damping: float) -> Floats:
         c = data.channels[self.channel] - self.reference
@@ -184,9 +184,9 @@ class CoupledMode(Coupling):
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         gains = [format_length(v) for k, v in values.items() if k.startswith("gain")]
         at = [f"{v:.4g}" for k, (v, _) in values.items() if k.startswith("frequency")]
-        modes = " and ".join(f"{g} by one at {f} Hz" for g, f in zip(gains, at, strict=False))
+        modes = " and ".join(f"{g} at {f} Hz" for g, f in zip(gains, at, strict=False))
         return (
-            f"{self.whose} moves this reading through modes, {modes}: the axes are "
+            f"{self.whose} moves this reading through mechanical modes ({modes}): the axes are "
             "not decoupled, and the drives should avoid these frequencies."
         )
 

@@ -204,9 +204,9 @@ class Creep(Candidate):
             theta=tuple(min(max(v, p.low), p.high) for v, p in bounds),
             intervals={"gain_per_decade": (held.gain, held.low, held.high, "1/decade")},
             says=f"The recording was made under feedback: from {held.start_s:.3g} to "
-            f"{held.end_s:.3g} s the reading rests, and the drive climbs against the last move by "
-            f"{100 * held.gain:.2g} % of it for each tenfold of time. The controller works against "
-            "the stage's creep; a recording without feedback measures it better.",
+            f"{held.end_s:.3g} s the reading is constant, and the drive drifts opposite to the "
+            f"last move by {100 * held.gain:.2g} % of it per decade of time. The controller "
+            "compensates the stage's creep; a recording without feedback measures it better.",
         )
 
     def probes(self, data: Data) -> list[Probe]:
@@ -226,7 +226,7 @@ class Creep(Candidate):
         g = values["gain_per_decade"][0]
         return (
             f"After every move the stage creeps in the same direction by {100 * g:.2g} % of "
-            "the move for each tenfold of time; wait, or let the controller lead."
+            "the move per decade of time; wait, or let the controller compensate it."
         )
 
 

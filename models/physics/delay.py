@@ -196,8 +196,8 @@ class Delay(Candidate):
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         d = values["delay_s"][0]
         return (
-            f"The reading follows the drive {1e3 * d:.3g} ms late at every speed: "
-            "look for a buffer, a conversion time or the communication with the amplifier."
+            f"The reading is delayed by {1e3 * d:.3g} ms at every speed: look for buffering, "
+            "conversion time or communication with the amplifier."
         )
 
 

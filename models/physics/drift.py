@@ -100,7 +100,7 @@ KINDS = (
     ),
     Kind(
         name="slow_drift",
-        says="drift with temperature, following late",
+        says="drift with temperature through a thermal lag",
         places=("stage", "sensor"),
         params=(
             *_params(MOST_SLOW_GAIN),
@@ -165,8 +165,8 @@ class Drift(Candidate):
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         b, a = format_length(values["expansion_um_per_k"]), values["gain_per_k"][0]
         return (
-            f"The stage follows the temperature: the zero moves {b} and the gain "
-            f"{100 * a:.2g} % per kelvin; connect the temperature to the controller or shield it."
+            f"The stage drifts with temperature: its zero by {b} and its gain by {100 * a:.2g} % "
+            "per kelvin; connect a temperature sensor to the controller, or shield the stage."
         )
 
 

@@ -48,7 +48,7 @@ class Dynamics:
         where = "of the drive" if self.place == "drive" else "of the sensor"
         if self.kind == SECOND:
             frequency, damping = self.theta
-            what = f"lag of second order {where}, {frequency:.3g} Hz, damping {damping:.2g}"
+            what = f"second-order lag {where}, {frequency:.3g} Hz, damping {damping:.2g}"
         else:
             what = f"{self.kind} {where}, {1e3 * self.theta[0]:.3g} ms"
         since = "from each sample on" if self.late_s else "since the sample before"
@@ -57,7 +57,7 @@ class Dynamics:
     @property
     def doubt(self) -> str:
         """Sentence for a recording that cannot distinguish it from dynamics of the sensor."""
-        what = f"{self.name}: drive or sensor cannot be distinguished in this recording"
+        what = f"{self.name}: this recording cannot show whether the drive or the sensor causes it"
         taken = "it is attributed to the drive and compensated"
         if self.kind == DELAY:
             return f"{what}, as a delay is the same before and after the hysteresis; {taken}"

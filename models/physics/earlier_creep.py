@@ -119,7 +119,7 @@ class EarlierCreep(Candidate):
         return (
             "The stage is still creeping from a move that ended about "
             f"{values['since_s'][0]:.2g} s before the recording began, by "
-            f"{format_length(values['per_decade_um'])} for each tenfold of time: wait before "
+            f"{format_length(values['per_decade_um'])} per decade of time: wait before "
             "recording, or record the move as well."
         )
 

@@ -173,8 +173,8 @@ class DryFriction(Candidate):
 
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
-            f"The guide has friction: after each turn the stage lags by up to "
-            f"{format_length(values['sliding_um'])} to either side; check the guide and its "
+            f"The guide has friction: after each reversal the stage lags by up to "
+            f"{format_length(values['sliding_um'])} in either direction; check the guide and its "
             "preload."
         )
 

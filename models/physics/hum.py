@@ -165,8 +165,8 @@ class Hum(Candidate):
         a = [format_length(v) for k, v in values.items() if k.startswith("amplitude")]
         lines = ", ".join(f"{y} at {x:.4g} Hz" for x, y in zip(f, a, strict=True))
         mains = any(abs(x / m - round(x / m)) < 0.004 and x > 40 for x in f for m in (50.0, 60.0))
-        source = "the mains: check shielding and earth" if mains else "a machine that runs nearby"
-        return f"The reading carries {lines}, independent of the drive; look for {source}."
+        source = "mains pick-up: check shielding and earth" if mains else "a machine running nearby"
+        return f"The reading contains {lines}, independent of the drive; look for {source}."
 
 
 def line_for_a_time(frequency_hz: float, size: str, span: str) -> dict[str, str]:
@@ -175,10 +175,10 @@ def line_for_a_time(frequency_hz: float, size: str, span: str) -> dict[str, str]
         "name": Hum.name,
         "key": "hum-for-a-time",
         "place": Hum.place,
-        "title": "A line for a part of the time",
+        "title": "Intermittent hum",
         "equation": "y(t) = f(u) + A sin(2 pi f t + phase) from start to end",
         "source": "a machine that runs at times, a supply that is switched",
-        "says": f"From {span} the reading carries {size} at {frequency_hz:.4g} Hz, and not at "
+        "says": f"From {span} the reading contains {size} at {frequency_hz:.4g} Hz, and not at "
         "other times: look for a machine that ran then.",
     }
 

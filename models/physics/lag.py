@@ -146,12 +146,12 @@ class Lag(Candidate):
         corner = 1.0 / (2.0 * math.pi * tau)
         if self.place == "drive":
             return (
-                f"The amplifier follows with a time constant of {1e3 * tau:.3g} ms (corner "
-                f"{corner:.3g} Hz), as a resistor before the stack's capacitance does."
+                f"The amplifier lags with a time constant of {1e3 * tau:.3g} ms (corner "
+                f"{corner:.3g} Hz), as with a resistor in series with the stack's capacitance."
             )
         return (
-            f"The reading is smoothed with a time constant of {1e3 * tau:.3g} ms (corner "
-            f"{corner:.3g} Hz), as a filter in the sensor does."
+            f"The reading is low-pass filtered with a time constant of {1e3 * tau:.3g} ms (corner "
+            f"{corner:.3g} Hz), as by a filter in the sensor."
         )
 
 
@@ -162,7 +162,7 @@ class Servo(Candidate):
 
     name = "lag"
     key = "lag-second"
-    title = "Lag of second order"
+    title = "Second-order lag"
     equation = "w^2 / (s^2 + 2 z w s + w^2), z above 0.45"
     source = "a position servo around the stage, or a filter of second order"
     confused_with = ("delay", "resonance", "slew", "rate")
@@ -197,9 +197,9 @@ class Servo(Candidate):
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         f, z = values["corner_hz"][0], values["damping"][0]
         return (
-            f"The reading follows through a lag of second order (corner {f:.3g} Hz, damping "
-            f"{z:.2g}; {2e3 * z / (2.0 * math.pi * f):.3g} ms after slow moves), as a position "
-            "servo or a steep filter does."
+            f"The reading has a second-order lag (corner {f:.3g} Hz, damping {z:.2g}; "
+            f"{2e3 * z / (2.0 * math.pi * f):.3g} ms in slow motion), as from a position servo or "
+            "a steep filter."
         )
 
 

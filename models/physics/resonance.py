@@ -260,8 +260,8 @@ class Resonance(Candidate):
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         f, z = values["frequency_hz"][0], values["damping"][0]
         return (
-            f"The stage rings at {f:.4g} Hz (damping {z:.2g}) after every quick move; shape the "
-            "moves, add damping, or put a notch at this frequency."
+            f"The stage rings at {f:.4g} Hz (damping {z:.2g}) after every fast move; shape the "
+            "moves, add damping, or use a notch filter at this frequency."
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:

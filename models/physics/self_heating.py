@@ -139,9 +139,9 @@ class SelfHeating(Candidate):
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         gain, tau = values["gain_s_per_um2"][0], values["tau_s"][0]
         return (
-            f"The stage heats itself: fast motion {'raises' if gain > 0 else 'lowers'} its gain, "
-            f"which follows within {tau:.3g} s and recovers at rest; let it cool, move less, or "
-            "let the controller follow."
+            f"The stage heats itself: fast motion {'raises' if gain > 0 else 'lowers'} its gain "
+            f"with a time constant of {tau:.3g} s, and it recovers at rest; let it cool, move it "
+            "less, or let the controller compensate it."
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:

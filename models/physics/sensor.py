@@ -104,7 +104,7 @@ KINDS = (
     ),
     Kind(
         name="ripple",
-        says="a reading that errs periodically along the range",
+        says="a periodic error of the reading along the range",
         places=("sensor",),
         params=(
             Param("period_{y}", "period", "", 1e-9, 1e9, "displacement from one error to the next"),
@@ -113,7 +113,7 @@ KINDS = (
         ),
         packed=RIPPLE,
         step=step_ripple,
-        inverse=Never("it belongs to the reading; the stage does not move by it"),
+        inverse=Never("it is an error of the reading, not a motion of the stage"),
     ),
 )
 
@@ -158,7 +158,7 @@ class NonlinearSensor(Candidate):
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
         if np.hypot(*amplitudes) <= self._range:
             return ""
-        return "it would err by more than the range of the reading"
+        return "its error would exceed the range of the reading"
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
         unit = self.parameters[0].unit
@@ -180,9 +180,9 @@ class NonlinearSensor(Candidate):
 
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
-            f"The reading errs by {format_length(values['amplitude_um'])} in a pattern that "
+            f"The reading has a periodic error of {format_length(values['amplitude_um'])} that "
             f"repeats every {format_length(values['period_um'])} along the range: calibrate the "
-            "sensor; the drive must not correct this."
+            "sensor; do not correct this with the drive."
         )
 
 

@@ -223,7 +223,7 @@ class Asymmetry(Candidate):
     the other; shown by full loops and small loops about several levels."""
 
     name = key = "asymmetry"
-    title = "Loop that is not symmetric"
+    title = "Asymmetric loop"
     equation = "y = f(u) + a max(u - H_r, 0)^2 + b max(H_r - u, 0)^2"
     source = "one-sided dead zones, after Kuhnen 2003; bias of unipolar stacks"
     confused_with = ("sensor", "friction", "clip")
@@ -262,7 +262,7 @@ class Asymmetry(Candidate):
 
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
-            "Rising and falling differ by more than hysteresis of a usual shape explains; "
+            "The rising and falling branches differ by more than symmetric hysteresis explains; "
             "the identified loop needs its asymmetric terms. A nonlinear sensor or friction in the "
             "guide can look the same."
         )

@@ -116,8 +116,8 @@ class Slew(Candidate):
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         rate, unit = values["rate_v_per_s"]
         return (
-            f"The amplifier moves the drive by at most {rate:.4g} {spell_unit(unit)}; faster "
-            "commands come late. Slow the trajectory down or use an amplifier with more current."
+            f"The amplifier slews at no more than {rate:.4g} {spell_unit(unit)}; faster commands "
+            "are delayed. Slow the trajectory down or use an amplifier with more current."
         )
 
 

@@ -129,7 +129,7 @@ class Wander(Trend):
     refines = ("drift-trend",)
     alone = True
     beside_model = True
-    title = "A zero that wanders"
+    title = "Zero wander"
     equation = "y(t) = f(u) + sum_k a_k cos(pi k t / T)"
     parameters = ()
     minima = 1
@@ -158,7 +158,7 @@ class Wander(Trend):
     def describe(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
             f"The zero wanders by {format_length(values['wander_rms_um'])} rms, independent of the "
-            "drive: let the room settle, and record a temperature."
+            "drive: let the room temperature settle, and record a temperature."
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:

@@ -9,8 +9,8 @@ import numpy as np
 from dehyst.models.recording import Floats
 
 BUTTERFLY = (
-    "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "
-    "ferroelectric that is driven through its coercive field)"
+    "the displacement falls and rises again while the drive moves in one direction (a butterfly "
+    "loop, as of a ferroelectric driven through its coercive field)"
 )
 LONG_WAY = 0.5
 """Least length of a segment that counts, as a fraction of the drive range."""

@@ -247,7 +247,7 @@ def test_what_needs_linux_says_so_in_one_line(elsewhere: Elsewhere) -> None:
     assert codes == str([2] * len(lines))
     assert len(refused) == len(lines)
     for (name, *_), line in zip(lines, refused, strict=True):
-        assert line.startswith(f"dehyst {name}: needs Linux, for the deadlines of the loop")
+        assert line.startswith(f"dehyst {name}: needs Linux, for the loop's deadlines")
 
 
 def test_every_command_runs_or_says_that_it_needs_linux() -> None:

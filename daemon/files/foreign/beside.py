@@ -29,12 +29,16 @@ APPLIED = ("scale_factor", "add_offset")
 """Attributes of the CF conventions, which the reader applies."""
 _FACTOR_IN_WORDS = re.compile(
     r"(?P<of>(?:[^\W\d_]+ ){0,3}?)(?:gain|scal(?:e|ing)(?:[ _-]?factor)?|multiplier|sensitivity"
-    r"|conversion(?:[ _]factor)?|calibration(?:[ _]factor)?)(?![^\W\d_])",
+    r"|conversion(?:[ _]factor)?|calibration(?:[ _]factor)?|factor|faktor|slope|divider|teiler"
+    r"|amplification|verstärkung|attenuation)(?![^\W\d_])",
     re.IGNORECASE,
 )
 _BY = re.compile(
-    r"(?:multipl|divid)\w+ (?:by|with) \d+(?:\.\d+)?|\d+(?:\.\d+)? ?V/V", re.IGNORECASE
+    r"(?:multipl|divid)\w+ (?:by|with) \d+(?:\.\d+)?|\d+(?:\.\d+)? ?V/V|(?<!\d )\bV/\d+"
+    r"|(?<=[,;:(|] )(?:gain|factor|slope|sensitivity)\b\s*[:=]?\s*\d+(?:\.\d+)?",
+    re.IGNORECASE,
 )
+"""A factor inside a line: "multiply by 10", or "channel 1: Voltage, slope 10, offset 0"."""
 LABEL_FIELDS = ("label", "name", "title", "long_name")
 LONGEST_LABEL = 60
 _LISTS_NAMES = re.compile(

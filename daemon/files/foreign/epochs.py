@@ -8,13 +8,16 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.files.foreign.found import Column
-from dehyst.daemon.files.foreign.roles import BY_WORD, role_of
+from dehyst.daemon.files.foreign.roles import BY_WORD, role_of, words_of
 from dehyst.daemon.files.foreign.stated_step import SAME_STEP
 from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key, read_heading
 
 _LONG = re.compile(r"\d{16,19}")
 _THIS_CENTURY = {"ns": (10**18, 41 * 10**17), "us": (10**15, 41 * 10**14)}
 """Numbers that are moments between 2001 and 2099 in these units, and in no other."""
+_SINCE_1970 = {"unix", "unixtime", "epoch", "posix"}
+_BY_NAME = {**_THIS_CENTURY, "ms": (10**12, 41 * 10**11), "s": (10**9, 41 * 10**8)}
+"""Also moments of this century, where the heading says that they count from 1970."""
 SHARE_RISING = 0.9
 EVEN = 0.5
 """Largest spread of the steps of evenly rising values, in mean steps: clocks are rounded."""
@@ -53,11 +56,13 @@ def join_clocks(columns: Sequence[Column]) -> list[Column]:
     """Return the columns with one, of seconds, in place of several that hold the times together,
     such as "Hour", "Min", "Sec", "msec", or a clock of whole seconds and "ms"; all as they are if
     there are none."""
+    headings = [read_heading(c.heading) for c in columns]
+    names = [h.name for h in headings if h.unit and UNITS[h.unit][0] == TIME]
     parts = [
         (c, UNITS[unit][2])
         for c in columns
         if (unit := "s" if c.clock else find_unit_key(c.unit) or read_heading(c.heading).unit)
-        if UNITS[unit][0] == TIME and (c.clock or _is_part_of_a_clock(c.heading))
+        if UNITS[unit][0] == TIME and (c.clock or _is_part_of_a_clock(c.heading, names))
     ]
     scales = [scale for _, scale in parts]
     if len(parts) < 2 or scales != sorted(set(scales), reverse=True):
@@ -79,11 +84,41 @@ def join_clocks(columns: Sequence[Column]) -> list[Column]:
     return [joined, *(column for column in columns if column.number not in replaced)]
 
 
-def _is_part_of_a_clock(heading: str) -> bool:
-    """Return whether a heading is a unit of time alone, or names the time: a latency in ms, next to
-    times in whole seconds, is none of their digits."""
+def _is_part_of_a_clock(heading: str, names: Sequence[str]) -> bool:
+    """Return whether a heading is a unit of time alone, or names the time, or has the name of
+    another column with a unit of time ("header.stamp.sec" and "header.stamp.nanosec"): a latency in
+    ms, next to times in whole seconds, is none of their digits. names: of all such columns."""
     name = read_heading(heading).name
-    return not name or role_of(name, "") == ("t", BY_WORD)
+    return names.count(name) > 1 or not name or role_of(name, "") == ("t", BY_WORD)
+
+
+def doubt_of_digits(values: Any, in_seconds: bool, given: bool) -> str:
+    """Return why the digits of times (N,) are doubtful as seconds, and what to type, "" where they
+    are not. in_seconds: the file says that they are seconds; given: it is known that they are."""
+    if not given and is_packed_clock(values, in_seconds):
+        return (
+            "jumps as hours, minutes and seconds in one number do (HHMMSS): add --time-unit s if "
+            "these are seconds with pauses; otherwise write them as HH:MM:SS, or add --rate HZ "
+            "where no row is missing"
+        )
+    if lack_zeros(values):
+        return (
+            "goes back within one second several times, as fractions without their zeros do (10.99 "
+            "before 10.100): write all digits of the fraction, or add --rate HZ where no row is "
+            "missing"
+        )
+    return ""
+
+
+def lack_zeros(values: Any) -> bool:
+    """Return whether times (N,) in seconds hold fractions that were written without the zeros in
+    front, as whole numbers: "10.99" is followed by "10.100", which is earlier in the same
+    second."""
+    values = np.asarray(values, dtype=np.float64)
+    back = np.flatnonzero(np.diff(values) < 0.0)
+    before, after = values[back], values[back + 1]
+    first = np.floor(10.0 * (after - np.floor(after)) + 1e-5)  # digit after the point
+    return back.size > 1 and bool(np.all((np.floor(before) == np.floor(after)) & (first == 1.0)))
 
 
 def is_packed_clock(values: Any, in_seconds: bool) -> bool:
@@ -150,6 +185,20 @@ def apart_as_times(times: Sequence[Any]) -> str:
     )
 
 
+def same_time(times: Sequence[tuple[Any, float]]) -> int:
+    """Return which of several columns of times to take where all tell the same time, each from its
+    own beginning or since 1970, within half a row: the finest; -1 where they do not. times: (N,)
+    values, and seconds in a unit of them."""
+    seconds = [np.asarray(values, dtype=np.float64) * scale for values, scale in times]
+    begins = [values - values[0] for values in seconds]
+    finest = max(range(len(begins)), key=lambda i: np.unique(begins[i]).size)
+    length, rows = abs(float(begins[finest][-1])), begins[finest].size
+    starts = [abs(float(values[0] - seconds[finest][0])) for values in seconds]
+    apart = [float(np.max(np.abs(values - begins[finest]))) for values in begins]
+    alike = all(gap <= 0.5 * length / rows for gap in apart)
+    return finest if alike and all(not 0.0 < start <= length for start in starts) else -1
+
+
 def is_rising(values: Any) -> bool:
     """Return whether numbers increase steadily, as times do."""
     steps = np.diff(np.asarray(values, dtype=np.float64))
@@ -163,3 +212,12 @@ def epoch_unit(first: int, heading: str) -> str:
     if named.unit or named.stated:
         return ""
     return next((u for u, (low, high) in _THIS_CENTURY.items() if low <= first < high), "")
+
+
+def unit_since_1970(first: float, heading: str) -> str:
+    """Return the unit of times that begin at a moment of this century, where their heading says
+    that they count from 1970 ("unix_time", "epoch"); "" otherwise."""
+    named = read_heading(heading)
+    if named.unit or named.stated or not words_of(heading) & _SINCE_1970:
+        return ""
+    return next((u for u, (low, high) in _BY_NAME.items() if low <= first < high), "")

@@ -26,9 +26,21 @@ _MILLISECONDS = re.compile(r"(:\d\d:\d\d):(\d{3})(?!\d)")
 """Behind a colon, as data loggers of Keysight write them."""
 _HALF_DAY = re.compile(r"(?:(.*)\s)?\s*(1[0-2]|0?[1-9])(:.*\d)\s*([ap])\.?m\.?", re.I)
 _DAYS = re.compile(r"(\d+) days?,? (.*)", re.I)
-_SLASHED = re.compile(r"(\d{1,2})/(\d{1,2})/(\d{4})\s+(.*)")
-_GERMAN_DATE = re.compile(r"(\d\d)\.(\d\d)\.(\d{4}|\d\d)[ T](.*)")
-_NAMED_MONTH = re.compile(r"(\d{1,2})[- ]([A-Za-z]{3})[- ](\d{4})[ T](.*)")
+_SLASHED = re.compile(r"(\d{1,2})[/-](\d{1,2})[/-](\d{4}|\d\d)[ T,]\s*(.*)")
+_GERMAN_DATE = re.compile(r"(\d\d?)\.(\d\d?)\.(\d{4}|\d\d)[ T,]\s*(.*)")
+_POINTED_DATE = re.compile(r"(\d{4})\.(\d\d)\.(\d\d)[ T](.*)")
+_NAMED_MONTH = re.compile(
+    r"(?:[A-Z][a-z]+,? )?(\d{1,2})[- ]([A-Za-z]{3})[a-z]*[- ](\d{4})[ T,]\s*(.*)"
+)
+_MONTH_FIRST = re.compile(
+    r"(?:[A-Z][a-z]+,? )?([A-Z][a-z]{2})[a-z]* +(\d{1,2})(?:, ?(\d{4}))? (\d\d?:[\d:.]+)"
+    r"(?: (\d{4}))?"
+)
+"""As C writes dates ("Fri Mar 14 14:07:58.9 2025"), and in the American form."""
+_UNMARKED = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:[.,]\d+)?.*)")
+"""As ISO 8601 allows: "20250314T140758.9Z"."""
+_ZONE_APART = re.compile(r"(:\d\d(?:[.,]\d+)?) +(?:([-+]\d\d:?\d\d)|[A-Z]{3,5})(?!\w)")
+"""A time zone behind the time: its distance to UTC, or its name, which is the same in all rows."""
 _CJK_DATE = re.compile(r"(\d{4})年(\d{1,2})月(\d{1,2})日\s*(.*)")
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 
@@ -48,7 +60,7 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
         return math.nan
     if isinstance(cell, date):
         return None
-    text = str(cell).strip().strip("\"'").strip()
+    text = str(cell).strip().removeprefix('="').strip("\"'").strip()  # a spreadsheet's ="0.5"
     if decimal != "," and _PLAIN.fullmatch(text):
         return float(text)
     if is_missing(text):
@@ -72,14 +84,19 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
 
 def moment_of(text: str) -> float | None:
     """Return the seconds of "12:00:01.25", "2024-03-05 12:00:01.25", "05.03.2024 12:00:01.25",
-    "3/5/2024 1:00:01.25 PM", "05-Mar-2024 12:00:01.25", "2024年3月5日 12:00:01.25", "0 days
-    12:00:01.25", "00:01.25" or "1.25 s", with either decimal mark. Of a date with slashes the month
-    comes first, if it may be one."""
+    "3/5/2024 1:00:01.25 PM", "05-Mar-2024 12:00:01.25", "Mar 5, 2024 12:00:01.25", "2024年3月5日
+    12:00:01.25", "20240305T120001.25Z", "0 days 12:00:01.25", "00:01.25" or "1.25 s", with either
+    decimal mark, and with a time zone. Of a date with slashes the month comes first, if it may be
+    one."""
     if duration := _DURATION.fullmatch(text):
         return float(duration[1].replace(",", ".")) * UNITS[find_unit_key(duration[2])][2]
-    if ":" not in text or len(text) > 40:
+    if len(text) > 40:
         return None
-    text = _MILLISECONDS.sub(r"\1.\2", text)
+    if unmarked := _UNMARKED.fullmatch(text):
+        text = "{}-{}-{}T{}:{}:{}".format(*unmarked.groups())
+    if ":" not in text:
+        return None
+    text = _MILLISECONDS.sub(r"\1.\2", _ZONE_APART.sub(r"\1\2", text))
     if clock := _CLOCK.fullmatch(text):
         return int(clock[1]) * 3600.0 + int(clock[2]) * 60.0 + float(clock[3].replace(",", "."))
     if minutes := _MINUTES.fullmatch(text):
@@ -92,13 +109,17 @@ def moment_of(text: str) -> float | None:
         return moment_of(f"{half[1] or ''} {hour}{half[3]}".strip())
     if slashed := _SLASHED.fullmatch(text):
         month, day = sorted((int(slashed[1]), int(slashed[2])), key=lambda n: n > 12)
-        text = f"{slashed[3]}-{month:02d}-{day:02d} {slashed[4]}"
+        text = f"{_year(slashed[3])}-{month:02d}-{day:02d} {slashed[4]}"
     elif german := _GERMAN_DATE.fullmatch(text):
-        year = german[3] if len(german[3]) == 4 else f"20{german[3]}"
-        text = f"{year}-{german[2]}-{german[1]} {german[4]}"
+        text = f"{_year(german[3])}-{int(german[2]):02d}-{int(german[1]):02d} {german[4]}"
+    elif pointed := _POINTED_DATE.fullmatch(text):
+        text = "{}-{}-{} {}".format(*pointed.groups())
     elif (named := _NAMED_MONTH.fullmatch(text)) and named[2].lower() in _MONTHS:
         month = 1 + _MONTHS.index(named[2].lower())
         text = f"{named[3]}-{month:02d}-{int(named[1]):02d} {named[4]}"
+    elif (named := _MONTH_FIRST.fullmatch(text)) and named[1].lower() in _MONTHS:
+        month = 1 + _MONTHS.index(named[1].lower())
+        text = f"{named[3] or named[5]}-{month:02d}-{int(named[2]):02d} {named[4]}"
     elif cjk := _CJK_DATE.fullmatch(text):
         text = f"{cjk[1]}-{int(cjk[2]):02d}-{int(cjk[3]):02d} {cjk[4]}"
     try:
@@ -106,3 +127,8 @@ def moment_of(text: str) -> float | None:
     except ValueError:
         return None
     return number_of(moment)
+
+
+def _year(text: str) -> str:
+    """Return a year in four digits."""
+    return text if len(text) == 4 else f"20{text}"

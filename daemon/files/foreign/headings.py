@@ -145,7 +145,7 @@ def _without_label(cells: list[str]) -> list[str]:
     """Return the fields of a line without the label that each repeats ("Unit: mV", "Unit: nm"), or
     that announces them ("columns: t", "u")."""
     labels = {cell.partition(": ")[0] if ": " in cell else "" for cell in cells if cell}
-    label = labels.pop() if len(labels) == 1 else ""
+    label = labels.pop() if len(labels) == 1 < len(cells) else ""
     if label:
         return [cell.removeprefix(f"{label}: ") for cell in cells]
     return [_ANNOUNCED.sub("", cell) for cell in cells[:1]] + cells[1:]

@@ -38,6 +38,11 @@ _TIME = {
     "čas",
     "czas",
     "zaman",
+    "tijd",
+    "tid",
+    "aika",
+    "unixtime",
+    "epoch",
     "时间",
     "時間",
     "시간",
@@ -58,13 +63,16 @@ _MEASURES = {
 """Words of amplifiers that do not drive: "Charge amplifier (V)"."""
 _VOLTAGE = {
     "voltage", "volt", "volts", "spannung", "tension", "v", "напряжение", "τάση", "napětí",
-    "napięcie", "gerilim", "电压", "電壓", "電圧", "전압",
+    "napięcie", "gerilim", "spanning", "tensione", "voltaje", "tensión", "tensão", "spänning",
+    "spænding", "spenning", "jännite", "电压", "電壓", "電圧", "전압",
 }  # fmt: skip
 _DISPLACEMENT = {
     "y", "displacement", "displ", "disp", "position", "pos", "weg", "auslenkung", "verschiebung",
     "stellweg", "sensor", "gauge", "elongation", "extension", "deflection", "stroke", "measured",
     "interferometer", "strain", "sgs", "capacitive", "vibrometer", "lvdt", "encoder", "deformation",
     "tilt", "angle", "output", "response", "ausgang", "dehnung", "position_measured", "travel",
+    "déplacement", "spostamento", "desplazamiento", "deslocamento", "verplaatsing", "förskjutning",
+    "forskydning", "forskyvning", "siirtymä", "posizione", "posición", "posição", "positie",
     "смещение", "перемещение", "μετατόπιση", "výchylka", "przemieszczenie", "位移", "変位", "변위",
 }  # fmt: skip
 _EITHER = {"measured", "output", "response", "ausgang"}
@@ -136,6 +144,8 @@ def role_of(heading: str, unit: str) -> tuple[str, int]:
     words = words - {"amplifier", "lock"} | {"sensor"} if words & _MEASURES else words
     driven = bool(words & _DRIVE) or side == "out"
     voltage = bool(words & _VOLTAGE) and kind in (VOLTAGE, "")
+    if driven and voltage:  # "Control Voltage of OutputSignal1", as PI's controllers name it
+        words = words - _OUT
     sensed = bool(words & _DISPLACEMENT - ({"y"} if driven or voltage else set()))  # axis y
     if words & _TARGET and kind in (LENGTH, ANGLE, ""):
         return "target", BY_WORD

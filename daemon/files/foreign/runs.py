@@ -207,8 +207,14 @@ def _columns_of(rows: Sequence[Row], width: int) -> list[list[str]]:
 
 def _unclear_point(rows: Sequence[Row], width: int) -> str:
     """Return a field such as "50.123" of a column in which nothing shows whether the points are
-    decimal or set thousands apart, next to decimal commas in other columns; "" if there is none."""
-    for cells in _columns_of(rows, width):
+    decimal or set thousands apart, next to decimal commas in other columns; "" if there is none. A
+    field with both marks ("12.865,4") shows that points set thousands apart in the whole file."""
+    columns = _columns_of(rows, width)
+    if any(
+        "," in cell and GROUPED_BY_POINTS.fullmatch(cell) for cells in columns for cell in cells
+    ):
+        return ""
+    for cells in columns:
         grouped = next((cell for cell in cells if GROUPED_BY_POINTS.fullmatch(cell)), "")
         if grouped and not any(re.fullmatch(r"[+-]?\d{1,3}|[^:]*,.*", cell) for cell in cells):
             return grouped

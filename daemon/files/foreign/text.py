@@ -105,7 +105,8 @@ def understand_text(
 ) -> Sheet:
     """Return the columns of a text in memory. above: lines of the file above it; separator,
     decimal: as the file states them."""
-    lines = text.removesuffix(END_OF_FILE).replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    text = text.removesuffix(END_OF_FILE).replace("\ufeff", "")  # files joined with their marks
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     _join_quoted(lines)
     _join_labelled(lines)
     name_pairs(lines)

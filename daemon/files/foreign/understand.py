@@ -14,8 +14,20 @@ import numpy as np
 from dehyst.daemon.files.foreign.blank import refuse_blank
 from dehyst.daemon.files.foreign.choice.advice import describe_column
 from dehyst.daemon.files.foreign.choice.choose import choose_columns, groups_of, path_of
+from dehyst.daemon.files.foreign.choice.doubts import (
+    DATE_STEP,
+    DATES,
+    LEAST_STEP_S,
+    other_times,
+    other_volts,
+)
 from dehyst.daemon.files.foreign.counted import count_time, note_contradictions
-from dehyst.daemon.files.foreign.epochs import continued, is_packed_clock, join_clocks
+from dehyst.daemon.files.foreign.epochs import (
+    continued,
+    doubt_of_digits,
+    join_clocks,
+    unit_since_1970,
+)
 from dehyst.daemon.files.foreign.found import Column, Draft, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import (
@@ -45,13 +57,7 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Floats
 from dehyst.models.units import UNIT_NAMES
 
-DATES, DATE_STEP = ((30_000.0, 80_000.0), (700_000.0, 750_000.0)), 2e-5
-"""Serial dates of spreadsheets and of MATLAB in this century [days], and more than their step at
-one row per second. In seconds that step would mean 50 kHz."""
-LEAST_STEP_S = 2e-7
-"""Times without a unit that step by less than this are days rather than seconds."""
 ROLE_NAMES = r"(t|u|y|target)(_.*)?"
-_OTHER_VOLTS = re.compile(r"(?<![^\W\d])[mk]V(?!\w)")
 MOST_VOLTS = 2000.0
 """A drive without a unit that goes beyond this is more likely one in millivolts or counts [V]:
 amplifiers for stages end at 1000 or 1500 V."""
@@ -91,12 +97,13 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
     if reading.rate_hz or "t" not in chosen:
         count_time(columns, [*chosen.values()], found, reading, draft)
     else:
-        _take_time(columns[chosen["t"]], found, reading, draft)
+        _take_time(columns[chosen["t"]], found, reading, other_times(found, columns), draft)
     for role in ("u", "y", "target"):
         if role in chosen:
             given = reading.drive_unit if role == "u" else reading.unit
-            elsewhere = _unit_elsewhere(found, columns) if role == "u" else ""
-            _take(role, columns[chosen[role]], given, elsewhere, draft)
+            column = columns[chosen[role]]
+            elsewhere = other_volts(found.notes, columns, column) if role == "u" else ""
+            _take(role, column, given, elsewhere, draft)
     for channel in [name for name in chosen if name not in NAMES]:
         _keep_as(channel, columns[chosen[channel]], draft)
     if found.factor:
@@ -174,8 +181,10 @@ def _take_time(
     column: Column,
     found: Sheet,
     reading: ReadOptions,
+    other: str,
     draft: Draft,
 ) -> None:
+    """Convert the times to seconds. other: where the file names another unit of time."""
     label = describe_column(column)
     unit = find_unit_key(reading.time_unit) or unit_of_column(column)
     values = np.asarray(column.values, dtype=np.float64)
@@ -201,14 +210,11 @@ def _take_time(
             "whichever is right"
         )
         return
-    given = column.clock or reading.time_unit
-    if unit in ("", "s") and not given and is_packed_clock(values, in_seconds=unit == "s"):
-        draft.asked.append(
-            f"{describe_column(column)} jumps as hours, minutes and seconds in one number do "
-            "(HHMMSS): add --time-unit s if these are seconds with pauses; otherwise write them as "
-            "HH:MM:SS, or add --rate HZ where no row is missing"
-        )
+    given = column.clock or bool(reading.time_unit)
+    if unit in ("", "s") and (doubt := doubt_of_digits(values, unit == "s", given)):
+        draft.asked.append(f"{label} {doubt}")
         return
+    unit = unit or unit_since_1970(float(np.min(values, initial=np.inf)), column.heading)
     if not unit:
         known = np.diff(values[np.isfinite(values)])
         step = float(np.median(known[known > 0.0])) if np.any(known > 0.0) else 0.0
@@ -216,6 +222,12 @@ def _take_time(
             draft.asked.append(
                 f"{label} steps by {step:.4g}, and gives no unit: add --time-unit s, ms or us, or "
                 "--rate HZ if it counts the rows or the ticks of a clock"
+            )
+            return
+        if other:
+            draft.asked.append(
+                f"the unit of {label} is not given, and may be another than seconds ({other}): add "
+                "--time-unit s, ms or us"
             )
             return
         first = float(values[np.isfinite(values)][0])
@@ -263,7 +275,7 @@ def _take(
     draft: Draft,
 ) -> None:
     """Convert drive, displacement or target to a unit that recordings use. elsewhere: where the
-    file names millivolts or kilovolts for no column."""
+    file says that a drive without a unit may not be in volts."""
     own, stated, label = unit_of_column(column), _stated(column), describe_column(column)
     unit = find_unit_key(given) or own
     option = "--drive-unit" if role == "u" else "--unit"
@@ -293,8 +305,8 @@ def _take(
     if not unit and role == "u":
         if elsewhere:
             draft.asked.append(
-                f"the unit of {label} is not given, and the file names another than volts "
-                f"({elsewhere}): add --drive-unit v, mv or kv"
+                f"the unit of {label} is not given, and may be another than volts "
+                f"({elsewhere}): add --drive-unit v, mv or kv, or counts"
             )
             return
         highest = float(np.max(np.abs(column.values), initial=0.0, where=~np.isnan(column.values)))
@@ -337,15 +349,6 @@ def _ask_of_factor(
             f"the file states '{factor}', which is not applied: add {' and '.join(missing)}, the "
             "unit of the numbers as they are"
         )
-
-
-def _unit_elsewhere(found: Sheet, columns: Sequence[Column]) -> str:
-    """Return a text of the file that names millivolts or kilovolts if no column has such a unit, ""
-    otherwise."""
-    if any(unit_of_column(column) in ("mv", "kv") for column in columns):
-        return ""
-    texts = (f"{key} {text}".strip() for key, text in found.notes.items())
-    return next((text[:60] for text in texts if _OTHER_VOLTS.search(text)), "")
 
 
 def _keep_as(

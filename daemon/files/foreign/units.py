@@ -53,9 +53,15 @@ DISPLACEMENT_UNITS = (*DRIVE_UNITS, "angstrom", "rad", "deg")
 _NO_UNIT = {"", "-", "--", "none", "n/a", "na"}
 SPELLED = {
     **dict.fromkeys(("sec", "secs", "second", "seconds", "sekunde", "sekunden", "sek"), "s"),
-    **dict.fromkeys(("msec", "millisecond", "milliseconds", "millisekunden"), "ms"),
-    **dict.fromkeys(("usec", "microsecond", "microseconds", "mikrosekunden"), "us"),
-    **dict.fromkeys(("nsec", "nanosecond", "nanoseconds", "nanosekunden"), "ns"),
+    **{
+        word: key
+        for key, first in (("ms", "milli"), ("us", "micro"), ("ns", "nano"))
+        for word in (
+            f"{key[0]}sec", f"{key[0]}secs", f"{first}sec", f"{first}secs", f"{first}second",
+            f"{first}seconds", f"{first.replace('c', 'k')}sekunden",
+        )
+    },
+    **{"millis": "ms", "micros": "us"},
     **dict.fromkeys(("minute", "minutes", "minuten"), "min"),
     **dict.fromkeys(("hour", "hours", "hr", "stunden"), "h"),
     **dict.fromkeys(("day", "days", "tag", "tage"), "d"),
@@ -103,6 +109,8 @@ def find_unit_key(text: str) -> str:
         given = unicodedata.normalize("NFKC", given).replace("μ", "u")
     given = _OTHER_SCRIPTS.get(given, given)
     plain = given.lower()
+    if len(plain) > 3 and plain.endswith("."):  # "msec."
+        plain = plain[:-1]
     if plain in CASE_DECIDES and given[0].isupper() and (plain == "mv" or not given.isupper()):
         return ""
     plain = SPELLED.get(plain, plain)
@@ -132,6 +140,9 @@ _FACTOR_OF_NAME = re.compile(
 )
 """A factor that stands with the name of a column. One digit behind an x names an axis, and a number
 between two slashes a group."""
+_CALLED_UNIT = re.compile(r"^(?:in |units?\s*[:=]\s*)", re.IGNORECASE)
+_PER = re.compile(r"([^\W\d_]+[_\s]per[_\s][^\W\d_]+)[\])]?$", re.IGNORECASE)
+"""A quotient in words at the end of a heading: "velocity_um_per_s" is in no seconds."""
 _BEHIND_A_MARK = re.compile(r"(.*?\S)(\s*(?:[/,;:|='\"]|\bin\b)\s*)(\S+?)['\"]?\s*")
 _CAMEL_UNIT = re.compile(
     r"(?<=[a-zäöü]{2})(?:In)?"
@@ -159,6 +170,11 @@ _LIKE_A_UNIT = re.compile(
 )
 
 
+_NUMBERED = re.compile(
+    r"[,;]\s*(?:point|channel|ch|axis|node|probe|sensor|domain|boundary|edge|run)s?:?\s*\d+\s*$",
+    re.IGNORECASE,
+)
+"""What COMSOL writes behind a unit: "Displacement (um), Point: 5" is not divided by 5."""
 _RATIO = re.compile(r"(?<![^\W_])(\w+)\s*/\s*\1_?(?:0|max|nom|ref)\b", re.IGNORECASE)
 _SHORT_BEHIND_A_MARK = re.compile(r"[,;|=]\s*([^\W\d_]{1,4})[.'\"]?$")
 _GLUED = re.compile(r"(?:\d+ ?|(?<![^\W_])[A-Zt])([mkµun]?V|[mµun]s)(?![^\W_])")
@@ -185,6 +201,7 @@ def read_heading(text: str) -> Heading:
     if len(text) > LONGEST_HEADING:  # matching time grows with the square of the length
         return Heading(text)
     plain = _REPEATED.sub("", text)
+    plain = _NUMBERED.sub("", plain)
     plain = _CAMEL_UNIT.sub(lambda found: f" {found[1].lower()}", plain)
     plain = plain.rstrip("_.") or plain  # MATLAB and R write "U_mV_" and "U..mV." for "U (mV)"
     if unit := find_unit_key(plain):
@@ -192,6 +209,8 @@ def read_heading(text: str) -> Heading:
         return Heading("", unit) if is_unit else Heading(text)
     if factor := _factor_beside(plain):
         return factor
+    if per := _PER.search(plain):
+        return Heading(plain[: per.start()].strip(" _([") or text, "", per[1])
     if _BRACKETS.search(plain):
         return _read_brackets(text, plain)
     if behind := _BEHIND_A_MARK.fullmatch(plain):
@@ -274,7 +293,7 @@ def _read_brackets(text: str, plain: str) -> Heading:
     behind = rest.strip(" _/,;:.-").removeprefix("in ")
     name, inside = plain, []
     while found := _BRACKETS.search(name):
-        inside.append(found[1].strip().removeprefix("in "))
+        inside.append(_CALLED_UNIT.sub("", found[1].strip()))
         name = f"{name[: found.start()]} {name[found.end() :]}"
     name = " ".join(name.split())
     units = {unit for word in inside if (unit := find_unit_key(word))}

@@ -20,15 +20,15 @@ from dehyst.models.signals.joined import Data, Floats
 COARSE = 1.5  # times the noise rms: a larger step of the reading is reported
 FOLLOWS = 0.2  # share of the displacement's power that a memory of the drive must explain
 BUTTERFLY_WARNING = (
-    f"{BUTTERFLY}: no model with one direction fits, and none can be inverted; drive it on one "
-    "side only"
+    f"{BUTTERFLY}: no monotone model fits, and no other can be inverted; keep the drive on one "
+    "side of the turning points"
 )
 FEW_PLACES = (
-    "the drive repeats itself and is read in so few places of its path that a hysteresis could "
-    "give each its own value: a delay, a lag or a slew limit cannot be found here; sample faster, "
-    "or at a rate that is no multiple of the drive's frequency"
+    "the drive is periodic and sampled at only a few points of its cycle, where hysteresis alone "
+    "could explain every reading: a delay, a lag or a slew limit cannot be found here; sample "
+    "faster, or at a rate that is not a multiple of the drive's frequency"
 )
-ONE_SIDE = "Drive it on one side of its turning points only, and diagnose again."
+ONE_SIDE = "Keep the drive on one side of the turning points, and diagnose again."
 CURVE = 7  # degree of the function of the drive that a stage without hysteresis follows
 NARROW = (0.1, 1e-3)  # of the noise, of the reading's range: largest residual above the noise
 TOO_NOISY = 0.02  # of the reading's range: with more noise a loop may hide
@@ -49,8 +49,8 @@ def survey(
         said.append(f"{data.missing} readings are missing ({share:.1%}); none was filled in")
     if data.repeats:
         said.append(
-            f"{data.repeats} samples repeat the reading before, because the gauge was polled "
-            "faster than it reads; each reading counts once"
+            f"{data.repeats} samples repeat the previous reading, because the gauge was polled "
+            "faster than it updates; each reading counts once"
         )
     if data.frozen:
         said.append(
@@ -60,7 +60,8 @@ def survey(
     if data.lone:
         readings = "reading is" if data.lone == 1 else "readings are"
         said.append(
-            f"{data.lone} lone {readings} far off both neighbours, while the drive is not; left out"
+            f"{data.lone} isolated {readings} far from both neighbours, though the drive is not; "
+            "left out"
         )
     if data.stalls:
         said.append(
@@ -70,8 +71,8 @@ def survey(
     step = quantum(data.y)
     if step > COARSE * sigma:
         said.append(
-            f"the reading has steps of {format_length((step, data.unit))}, coarser than its noise: "
-            "finer effects do not show"
+            f"the reading is quantised in steps of {format_length((step, data.unit))}, coarser "
+            "than its noise: smaller effects cannot be detected"
         )
     if whole > 1.2 * sigma:
         said.append(
@@ -83,9 +84,9 @@ def survey(
     if not (is_other_class or has_response_to_drive(data, unexplained)):
         share = max(0.0, 1.0 - unexplained / _variance(data))
         why = (
-            f"a memory of the drive of any shape explains {share:.0%} of it"
+            f"hysteresis of any shape explains only {share:.0%} of it"
             if share <= FOLLOWS
-            else "its changes are not those of the drive"
+            else "its changes do not match those of the drive"
         )
         said.append(
             f"the displacement does not follow the drive: {why}; check the sensor, its cable and "
@@ -95,40 +96,41 @@ def survey(
         reach = float(np.ptp(data.y[data.rows]))
         width = WIDTH * max(NARROW[0] * sigma / reach, NARROW[1])
         said.append(
-            "no hysteresis shows: one curve of the drive explains the reading to its noise, where "
-            f"a loop of {width:.1%} of the range would show; is the stage under closed loop?"
+            "no hysteresis is visible: a single-valued curve explains the reading down to its "
+            f"noise, and a loop {width:.1%} of the range wide would have been detected; is the "
+            "stage in closed loop?"
         )
     if _is_slow(data):
         said.append(
-            "the sampling is slow for this drive: what happens within a sample or two cannot be "
-            "distinguished from the loop"
+            "the sampling is slow for this drive: effects that last only a sample or two cannot be "
+            "distinguished from hysteresis"
         )
     if has_few_turns(data):
         slow = "" if has_long_rest(data) else ", and no slow change,"
         said.append(
             f"the drive {'hardly' if turns else 'never'} reverses: "
             + (
-                "of what it causes, only what its rests show can be distinguished from the loop"
+                "only effects that appear while it rests can be distinguished from hysteresis"
                 if has_rests(data)
-                else f"nothing that it causes{slow} can be distinguished from the loop"
+                else f"no effect that it causes{slow} can be distinguished from hysteresis"
             )
         )
     left_out = int(np.count_nonzero(data.heads))
     if left_out > 0:
         said.append(
-            f"{left_out} samples were left out of the fits, where what the stage did before is "
-            "unknown"
+            f"{left_out} samples were left out of the fits, because they depend on the stage's "
+            "unknown earlier history"
         )
     if fitted.n < data.n:
         said.append(
-            f"of {data.n} samples {int(np.count_nonzero(fitted.rows))} in stretches were fitted; "
-            "the errors are of all"
+            f"{int(np.count_nonzero(fitted.rows))} of {data.n} samples were fitted, in stretches; "
+            "the errors refer to all samples"
         )
     if fitted.rows_early:
         said.append(
-            "each reading stands one row before the drive that it belongs to; the diagnosis "
-            "accounts for this, and a model that it writes leads by a sample as the recordings "
-            "do: check the order in which the recorder reads and writes"
+            "each reading is recorded one row before the drive value that it belongs to; the "
+            "diagnosis accounts for this, and a model that it writes leads by a sample as the "
+            "recordings do: check the order in which the recorder reads and writes"
         )
     if fitted.early:
         said.append(
@@ -141,7 +143,7 @@ def survey(
             "diagnosis and the model that it writes account for this"
         )
     if len(data.names) == 1:
-        said.append("one recording only: nothing was held out on another waveform")
+        said.append("only one recording: no other waveform was available as hold-out")
     rows = int(np.count_nonzero(data.raw_index >= 0))
     return DataQuality(rows, data.missing, data.stalls, tuple(said))
 

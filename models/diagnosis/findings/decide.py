@@ -158,7 +158,7 @@ def _reservations(
 WHERE = {
     "drive": "of the drive",
     "rate": "of its rate",
-    "since_turn": "after a turn",
+    "since_turn": "after a reversal",
     "in_hold": "into a hold",
 }
 """What the tables of `locate` are about, after "40% at 5.7 to 6 V"; others say it themselves."""
@@ -186,7 +186,7 @@ def report_unknown(
         says=(
             f"No effect in the library explains this part ({format_length((left, unit))} rms)"
             + (f"; {when}" if when else "")
-            + (f"; of it, {places}." if places else nowhere)
+            + (f"; of this, {places}." if places else nowhere)
         ),
     )
 
@@ -210,14 +210,17 @@ def next_experiment(verdict: str, findings: Sequence[Finding], blind: Sequence[s
                 )
     if verdict in ("unknown", "partly"):
         return (
-            "Record the same drive twice: what repeats is the stage, what does not is its "
-            "surroundings; then log further channels (temperature, the neighbouring axes, force)."
+            "Record the same drive twice: what repeats comes from the stage, what does not from "
+            "its surroundings; then log further channels (temperature, neighbouring axes, force)."
         )
     if blind:
         return (
-            f"These recordings cannot show {', '.join(blind)}; steps, holds of some seconds and a "
-            "fast chirp over the full range would."
+            f"These recordings cannot show {', '.join(blind)}; steps, holds of several seconds "
+            "and a fast chirp over the full range can."
         )
     if findings:
         return "Track with the augmented model, record again and diagnose that recording."
-    return "None is needed; diagnose again after a change of amplifier, sensor, load or mounting."
+    return (
+        "No further experiment is needed; diagnose again after a change of amplifier, sensor, "
+        "load or mounting."
+    )

@@ -247,7 +247,7 @@ def describe_residual_change(
         step, jump, gain = _best_step(e)
         if gain > SLIP * whole and abs(jump) > sigma:
             text = (
-                f"the level slips by {format_length((jump, data.unit))} at {t[step]:.3g} s of "
+                f"the level shifts by {format_length((jump, data.unit))} at {t[step]:.3g} s of "
                 f"{name}"
             )
             spans.append((gain, text, {"recording": name, "from_s": float(t[step])}))
@@ -258,7 +258,7 @@ def describe_residual_change(
         inside = 0.05 * e.size < step < 0.95 * e.size
         if inside and share > CHANGE and high > CHANGES_BY * low:
             when = "from" if after > before else "until"
-            text = f"it is there {when} {t[step]:.3g} s of {name}"
+            text = f"it is present {when} {t[step]:.3g} s of {name}"
             places: dict[str, float | str] = {"recording": name, f"{when}_s": float(t[step])}
             spans.append((0.5 * whole * share, text, places))
     if not spans:

@@ -38,7 +38,7 @@ class Growth:
         low, high = sorted((abs(self.before), abs(self.behind)))
         place = f"{self.at_s:.3g} s of {self.recording}"
         if low < ABSENT * high:
-            return f"It is there {'from' if grows else 'until'} {place}."
+            return f"It is present {'from' if grows else 'until'} {place}."
         times = self.behind / self.before
         return f"It {'grows' if grows else 'falls'} at {place}, to {times:.2g} times its size."
 

@@ -37,12 +37,12 @@ SHOWN = 0.15  # of a cause's rms, which the base must leave to distinguish it fr
 LOOKS = {
     "centre": "it is a function of the displacement alone, the same on both branches: a nonlinear "
     "sensor or stage",
-    "branches": "the rising and the falling branch are bent differently: an asymmetry of the "
+    "branches": "the rising and the falling branch differ in curvature: an asymmetry of the "
     "ceramic, or a nonlinear sensor",
-    "presliding": "it is a memory of the displacement that fades within a fixed travel after each "
-    "turn: presliding friction in the guide, or an asymmetry",
+    "presliding": "it depends on the displacement since each reversal and fades within a fixed "
+    "travel: presliding friction in the guide, or an asymmetry",
     "class": "it is spread over the loop: a hysteresis of another class, or a combination of "
-    "asymmetry, sensor and friction",
+    "asymmetry, sensor nonlinearity and friction",
 }
 
 
@@ -60,14 +60,13 @@ class Correction:
 
 CONTAINED = "The augmented model contains it, and it is compensated"
 NOT_CONTAINED = (
-    "The augmented model does not contain it: with it, what was left out would not be predicted "
-    "better, or the model would not hold beyond the recorded data"
+    "The augmented model does not contain it, because it would not predict the held-out data "
+    "better, or would not hold beyond the recorded data"
 )
 
 
 NOT_WRITTEN = (
-    "The written model does not contain it: with it, another recording would not be predicted "
-    "better."
+    "The written model does not contain it, because it would not predict another recording better."
 )
 
 

@@ -33,7 +33,7 @@ def remove_glitches(name: str, t: Floats, u: Floats, notes: list[str]) -> Floats
     count = int(np.count_nonzero(wild))
     if count == 0 or count > 0.05 * u.size:
         return u
-    notes.append(f"{name}: {count} lone drive values far off their neighbours were left out")
+    notes.append(f"{name}: {count} isolated drive outliers were left out")
     u = u.copy()
     u[wild] = np.nan
     return u

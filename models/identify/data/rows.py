@@ -23,8 +23,8 @@ from dehyst.models.units import spell_unit
 REGULAR = 1e-3
 """Deviation of the time steps, as a share of the usual one, below which stamps do not jitter."""
 REPEATED = (
-    "{} of {} rows repeat the reading of the row before: the gauge was polled faster than it "
-    "reads; each reading counts once"
+    "{} of {} rows repeat the previous reading: the gauge was polled faster than it updates; each "
+    "reading counts once"
 )
 FROZEN = (
     "{} of {} readings stay exactly the same while the drive moves: the gauge is stuck or at its "
@@ -97,7 +97,7 @@ def read_rows(recording: Recording) -> Rows:
         period = float(t[-1] - t[0]) / (t.size - 1)
         t = _regularise(t, period)
         notes.append(
-            f"{name}: the time stamps jitter, but the samples do not; they are treated as regular"
+            f"{name}: the time stamps jitter, but the sampling does not; it is treated as uniform"
         )
     rate, resets = compute_rates(t, u, period)
     settled = np.zeros(u.size, dtype=bool)
@@ -111,7 +111,7 @@ def _require_size(name: str, size: int) -> None:
     if size < TUNING.fewest_rows:
         raise BadRecording(
             f"{name}: {size} usable rows; identification needs at least {TUNING.fewest_rows}, "
-            "better several thousand"
+            "preferably several thousand"
         )
 
 
@@ -126,8 +126,8 @@ def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]
         )
     if np.nanmax(y) == np.nanmin(y):
         raise BadRecording(
-            f"{name}: the displacement reads {np.nanmin(y):.6g} {recording.displacement_unit} all "
-            "the time while the drive moves; check the sensor and its cable"
+            f"{name}: the displacement stays at {np.nanmin(y):.6g} {recording.displacement_unit} "
+            "while the drive moves; check the sensor and its cable"
         )
     rise, fall = measure_travels(u[~np.isnan(u)])
     slow_rise, slow_fall = measure_travels(_without_jumps(recording.t_s, u, high - low))
@@ -136,12 +136,12 @@ def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]
     if min(rise, fall) < 0.2 * (high - low):
         way = "up" if rise > fall else "down"
         raise BadRecording(
-            f"{name}: the drive only runs {way}; hysteresis shows only where it turns and comes "
-            "back; record at least one full loop (dehyst excite designs a drive)"
+            f"{name}: the drive only goes {way}, but hysteresis shows only after a reversal; "
+            "record at least one full loop (dehyst excite designs a drive)"
         )
     if min(rise, fall) < 0.7 * (high - low):
         notes.append(
-            f"{name}: the drive comes back over only {min(rise, fall) / (high - low):.0%} of its "
+            f"{name}: the drive returns over only {min(rise, fall) / (high - low):.0%} of its "
             "range; the rest of the loop is extrapolated"
         )
 
@@ -160,7 +160,7 @@ def check_scale(recording: Recording) -> None:
             raise BadRecording(
                 f"{recording.name}: the {what} moves over {span:.3g} {unit} in all, which is too "
                 f"{'small' if span < SMALLEST else 'large'} for a stage: check the unit and the "
-                "factor of this column"
+                "scale factor of this column"
             )
 
 

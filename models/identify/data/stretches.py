@@ -79,6 +79,6 @@ def _pick(one: Recording, rows: Ints) -> Recording:
 def _tell(one: Recording, rows: int, count: int) -> str:
     ways = f"{count} stretches spread over it" if count > 1 else "its first stretch"
     return (
-        f"{one.name}: of {one.size} rows {rows} were used, {ways}; error, noise and gaps in "
+        f"{one.name}: {rows} of {one.size} rows were used, {ways}; error, noise and gaps in "
         "time refer to these rows"
     )

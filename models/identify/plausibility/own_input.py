@@ -24,7 +24,7 @@ from dehyst.models.signals.joined import Ints
 from dehyst.models.signals.jumps import measure_share_in_jumps
 from dehyst.models.signals.rounding import quantum
 
-REFUSED_BUTTERFLY = f"{BUTTERFLY}; drive it on one side of that only"
+REFUSED_BUTTERFLY = f"{BUTTERFLY}; keep the drive on one side of the turning points"
 
 TURN, JUMP, REPEATED = 0.04, 0.07, 0.07
 """Of a turn with friction: the way after it as a fraction of the drive's range; by how much the
@@ -137,12 +137,12 @@ def require_own_input(
             _require_order(its.name, its.u)
         said.append(
             f"no hysteresis: the loop is {loop:.2g} {unit} wide, and {size} rows with this noise "
-            "cannot show a narrower one; the model is as good as linear in the drive"
+            "cannot show a narrower one; the model is practically linear in the drive"
         )
     elif figures.hysteresis < TUNING.trace:
         said.append(
             f"hardly any hysteresis: the loop is {loop:.2g} {unit} wide, "
-            f"{figures.hysteresis:.2%} of the stroke; the model is as good as linear in the drive"
+            f"{figures.hysteresis:.2%} of the stroke; the model is practically linear in the drive"
         )
     return tuple(said)
 
@@ -199,9 +199,9 @@ def _require_no_jumps(name: str, u: Floats, y: Floats) -> None:
     jumps = find_jumps_at_turns(u, y, TURN) / size
     if jumps.size > 1 and float(np.median(jumps)) > JUMP:
         raise BadRecording(
-            f"{name}: at a turn of the drive the displacement jumps by {np.median(jumps):.0%} of "
-            "its range, as with dry friction: no hysteresis that can be inverted looks like this; "
-            "look for something that rubs, or that is loose"
+            f"{name}: where the drive reverses, the displacement jumps by {np.median(jumps):.0%} "
+            "of its range, as with dry friction: no invertible hysteresis does this; look for a "
+            "part that rubs or is loose"
         )
 
 
@@ -212,10 +212,9 @@ def _require_smooth(name: str, u: Floats, y: Floats) -> None:
     share, count = measure_share_in_jumps(u[known], y[known])
     if share > IN_JUMPS and count >= FEWEST_JUMPS:
         raise BadRecording(
-            f"{name}: the displacement goes {share:.0%} of its way in {count} jumps while the "
-            "drive moves evenly, as with stick-slip or a ferroelectric that switches: no loop "
-            "that can be inverted looks like this; look for something that rubs or is loose, or "
-            "reduce the drive"
+            f"{name}: {share:.0%} of the displacement's travel occurs in {count} jumps while the "
+            "drive moves smoothly, as with stick-slip or ferroelectric switching: no invertible "
+            "loop does this; look for a part that rubs or is loose, or reduce the drive"
         )
 
 
@@ -231,8 +230,8 @@ def _require_order(name: str, u: Floats) -> None:
     left = before[:, -1] - before[:, :-1] @ weights
     if float(left @ left) > TUNING.half * float(before[:, -1] @ before[:, -1]):
         raise BadRecording(
-            f"{name}: the drive jumps by {size:.0%} of its range from row to row, no row follows "
-            "from those before it, and no hysteresis shows: the rows are in no order of time; sort "
+            f"{name}: the drive jumps by {size:.0%} of its range from row to row, successive rows "
+            "are unrelated, and no hysteresis is visible: the rows are not in time order; sort "
             "them by time, or record a drive that moves steadily"
         )
 
@@ -266,7 +265,7 @@ def _require_narrow(name: str, width: float) -> None:
         raise BadRecording(
             f"{name}: the loop is {width:.0%} of the stroke wide; a piezo below its "
             "coercive field stays below a third. It is driven through its coercive field, rubs "
-            "against something, or is read late: reduce the drive, or look for friction and lag"
+            "against something, or its reading lags: reduce the drive, or look for friction and lag"
         )
 
 
@@ -308,12 +307,12 @@ def _why_outside(model: Model, rows: Rows) -> str:
         return REFUSED_BUTTERFLY
     if describe(model).hysteresis > TUNING.half:
         return (
-            "the displacement jumps and stays, as with dry friction or a ferroelectric that "
-            "switches: no hysteresis that can be inverted looks like this"
+            "the displacement jumps and then stays constant, as with dry friction or ferroelectric "
+            "switching: no invertible hysteresis does this"
         )
     return (
-        "the displacement is not what a hysteresis of the drive can give: another input moves "
-        "the stage, its clock or its columns are wrong, or the stage changed during the recording"
+        "hysteresis of the drive cannot produce this displacement: another input moves the stage, "
+        "the times or the columns are wrong, or the stage changed during the recording"
     )
 
 

@@ -38,7 +38,7 @@ def require_different(recordings: Sequence[Recording]) -> None:
     seen: dict[str, str] = {}
     for one in recordings:
         if one.sha256 and one.sha256 in seen:
-            raise BadInput(f"{one.name} holds the same as {seen[one.sha256]}; give it once")
+            raise BadInput(f"{one.name} has the same content as {seen[one.sha256]}; give it once")
         seen[one.sha256] = one.name
 
 
@@ -55,8 +55,9 @@ def require_drive_first(rows: Sequence[Rows]) -> None:
         noisier = _measure_roughness(one.y) > TUNING.far * _measure_roughness(one.u)
         if area < -TUNING.crumb and not noisier:
             raise BadRecording(
-                f"{one.name}: the drive follows the displacement, by a loop of {-area:.1%} of its "
-                "box; are the columns swapped? the drive is u_..., the measured displacement y_..."
+                f"{one.name}: the drive lags the displacement (loop area {-area:.1%} of its "
+                "bounding box): are the columns swapped? the drive is u_..., the measured "
+                "displacement y_..."
             )
 
 
@@ -97,8 +98,8 @@ def require_one_sense(rows: Sequence[Rows], unit: str) -> None:
     odd = ", ".join(one.name for one, is_odd in zip(rows, fewer, strict=True) if is_odd)
     figures = ", ".join(f"{r.name} {k:.3g} {unit}" for r, k in zip(rows, slopes, strict=True))
     raise BadRecording(
-        f"{odd} does not belong to the others, it runs the other way: {figures}; reverse the sign "
-        "of its sensor, or identify each stage separately"
+        f"{odd} does not match the others, its slope has the opposite sign: {figures}; reverse the "
+        "sign of its sensor, or identify each stage separately"
     )
 
 
@@ -137,8 +138,8 @@ def require_better_than_a_line(
     for one, error, pick in zip(setup.rows, residuals, picks, strict=True):
         if not pick.any():
             raise BadRecording(
-                f"{one.name}: no row of it can be judged (a drive of steps alone, or readings that "
-                "are missing); record a drive that moves all the time (dehyst excite designs one)"
+                f"{one.name}: none of its rows can be used (the drive has only steps, or readings "
+                "are missing); record a drive that moves continuously (dehyst excite designs one)"
             )
         (some,) = thin([pick], TUNING.rows_fitted)
         own = float(np.nanmax(one.u) - np.nanmin(one.u))
@@ -150,11 +151,11 @@ def require_better_than_a_line(
             belongs = (
                 "the recordings are of different stages"
                 if len(setup.rows) > 1
-                else ("too little of the loop is shown")
+                else ("too little of the loop was recorded")
             )
             raise BadRecording(
                 f"{one.name}: the best model leaves {left:.4g} and a straight line {line:.4g} rms; "
-                f"{belongs}; record a drive that runs over its range and back several times "
+                f"{belongs}; record a drive that runs through its range and back several times "
                 "(dehyst excite designs one), of one stage"
             )
 
@@ -201,11 +202,11 @@ def require_one_stage(
     odd = names[int(np.argmax(stays if silent else ratio))]
     if float(np.max(ratio)) <= TUNING.far or float(np.max(apart)) <= TUNING.small:
         return (
-            f"{odd} is less like the others: one model leaves {figures} rms; "
+            f"{odd} differs from the others: one model for all leaves {figures} rms; "
             "were stage, load and unit the same?"
         )
     raise OddRecording(
-        f"{odd} does not belong to the others: one model leaves {figures} rms; identify the "
+        f"{odd} does not match the others: one model for all leaves {figures} rms; identify the "
         "recordings of each stage, load and unit separately",
         odd,
     )

@@ -381,4 +381,4 @@ def test_a_model_that_the_recordings_do_not_determine_elsewhere_explains_nothing
     assert {"slew", "coupling"} <= {f.name for f in found.findings}
     assert figures(case, found)["held_augmented"] > 1.5
     assert found.verdict == "partly"
-    assert any("record turns of several sizes" in text for text in found.data.says)
+    assert any("record loops of several sizes" in text for text in found.data.says)

@@ -92,7 +92,9 @@ class Told:
 
 def read(found: Identification) -> Told:
     """Extract the result of an identification."""
-    doubt = any("drive or sensor cannot be distinguished" in note for note in found.notes)
+    doubt = any(
+        "cannot show whether the drive or the sensor causes it" in note for note in found.notes
+    )
     blocks = [b for b in found.model.blocks if b.kind in ("lag", "delay", "resonance")]
     if not blocks:
         return Told("none", 0.0, doubt, found.shape.name)

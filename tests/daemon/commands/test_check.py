@@ -48,7 +48,7 @@ def test_a_model_for_a_small_part_of_the_limits_is_warned_of(
         said = capsys.readouterr().out
         assert ("may be another stage's" in said) == bool(says)
         assert says in said
-    assert "the limits, 0 to 150 V, the model is valid from 0 to 10 V only" in said
+    assert "the model is valid only from 0 to 10 V, 6.7 % of the limits, 0 to 150 V" in said
 
 
 def test_a_missing_model_is_named_with_the_folder_that_was_searched(

@@ -20,7 +20,8 @@ NOISE_UM = 0.02
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
-    """Write two short recordings of a rate-independent stage whose reading carries 50 Hz hum."""
+    """Write two short recordings of a rate-independent stage whose reading carries 50 Hz hum
+    of the same phase in both, so that the written model contains it."""
     rng = np.random.default_rng(5)
     folder = tmp_path_factory.mktemp("stage")
     t = np.arange(4000) * 1e-3
@@ -33,9 +34,7 @@ def recordings(tmp_path_factory):
             for i, v in enumerate(u):
                 p = max(v - r, min(v + r, p))
                 y[i] += w * p
-        y += 0.08 * np.sin(2 * np.pi * 50 * t + rng.random()) + NOISE_UM * rng.standard_normal(
-            t.size
-        )
+        y += 0.08 * np.sin(2 * np.pi * 50 * t + 0.6) + NOISE_UM * rng.standard_normal(t.size)
         write_recording(folder / name, t, {"u_v": u, "y_um": y})
     return folder
 
@@ -86,8 +85,8 @@ def test_report_is_self_contained(written):
         )
         assert any(s.startswith("Measured and both models") and name in s for s in seen)
     assert any("rising and falling, and its centre line" in s for s in seen)
-    for place in ("time", "drive, moving up", "drive, moving down", "rate", "since the last turn",
-                  "in a hold"):  # fmt: skip
+    for place in ("time", "drive, moving up", "drive, moving down", "rate",
+                  "since the last reversal", "in a hold"):  # fmt: skip
         assert any(s.startswith("Rms error by") and place in s for s in seen)
     assert any(s.startswith("Spectrum") for s in seen)
     for _, source in pictures:

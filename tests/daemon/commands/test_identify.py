@@ -59,7 +59,7 @@ def test_identify_writes_model_and_report(
     pictures = re.findall(r'<img alt="([^"]*)" src="data:image/png;base64,', page)
     assert len(pictures) == page.count("<img") == 9
     for shown in ("over a few cycles", "hysteresis loop", "Residual over time", "Residual over the "
-                  "drive", "Spectrum", "each drive occurs at each rate", "Sizes of the loops",
+                  "drive", "Spectrum", "each drive occurs at each rate", "Loop sizes",
                   "Slope after a reversal"):  # fmt: skip
         assert any(shown in said for said in pictures)
     assert not re.search(r'(src|href)="(?!data:)', page)
@@ -81,7 +81,7 @@ def test_identify_in_words_and_fixed(recording: Path, capsys: pytest.CaptureFixt
     ("arguments", "says"),
     [
         (["identify", "absent.csv", "-o", "m.toml"], "no such file"),
-        (["identify", "run.csv", "run.csv", "-o", "m.toml"], "the same as run.csv"),
+        (["identify", "run.csv", "run.csv", "-o", "m.toml"], "the same content as run.csv"),
         (["identify", "semicolons.csv", "-o", "m.toml"], "1 row of data"),
         (["identify", "headless.csv", "-o", "m.toml"], "--columns t=0,u=1,y=2"),
         (["identify", "run.csv", "-o", "m.toml", "--order", "0"], "order"),

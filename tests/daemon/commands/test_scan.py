@@ -95,7 +95,7 @@ def test_without_a_configuration(tmp_path: Path, capsys: pytest.CaptureFixture) 
     assert "centred at" not in said.err
     beside = str(tmp_path / "beside.csv")
     assert main(["scan", "spiral", "--radius", "2", "-o", beside]) == 0
-    assert "centred at (0, 0), which the stage need not reach" in capsys.readouterr().err
+    assert "centred at (0, 0), which may be out of the stage's reach" in capsys.readouterr().err
     columns, _ = read_columns(out)
     assert columns["target_x_um"][0] == pytest.approx(8.0)
     assert columns["target_y_um"].max() == pytest.approx(11.0, abs=0.2)  # a turn before the end

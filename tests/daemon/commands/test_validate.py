@@ -73,7 +73,7 @@ def test_rows_that_repeat_a_reading_are_counted(
     assert repeating["rms"] == pytest.approx(once["rms"], rel=0.05)
     assert main(["validate", "good.toml", "repeating.csv"]) == 0
     assert (
-        f"{again.sum()} rows repeat the reading of the row before and are not judged: the gauge"
+        f"{again.sum()} rows repeat the previous reading and are not judged: the gauge"
         in capsys.readouterr().out
     )
 

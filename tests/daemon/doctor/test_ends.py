@@ -114,9 +114,9 @@ def test_a_diagnosis_of_a_stage_at_rest_has_all_pictures(tmp_path: Path) -> None
 def test_an_examination_that_other_work_keeps_waiting_is_not_ended_as_a_slow_one() -> None:
     assert why_to_stop(900.0, 800.0, 700.0) == ""
     assert why_to_stop(900.0, 4000.0, 30.0) == ""
-    assert "901 s of a processor" in why_to_stop(900.0, 902.0, 901.0)
+    assert "901 s of processor time" in why_to_stop(900.0, 902.0, 901.0)
     starved = why_to_stop(900.0, 6000.0, 30.0)
-    assert "left it 30 s of a processor in 6000 s" in starved
+    assert "left it only 30 s of processor time in 6000 s" in starved
 
 
 def test_the_time_on_a_processor_is_that_of_the_process() -> None:

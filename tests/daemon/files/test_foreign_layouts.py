@@ -251,8 +251,8 @@ def test_the_header_of_a_controller_of_pi(tmp_path: Path) -> None:
     names = ["NAME0 = Control Voltage of Output 1", "NAME1 = Current Position of Axis 1"]
     head = ["DIM = 2", "SAMPLE_TIME = 0.005000", *names, "END_HEADER"]
     path = write(tmp_path / "a.dat", *(f"# {line}" for line in head), *rows(U, Y, separator=" "))
-    assert "'Control Voltage of Output 1'" in asked(path)
-    is_it(read(path, columns={"u": 0, "y": 1}, unit="um"))
+    assert asked(path).count(": add ") == asked(path).count("add --unit um") == 1
+    is_it(read(path, unit="um"))
 
 
 def lvm(x_columns: str, segments: int, decimal: str = ",", again: bool = False) -> list[str]:

@@ -168,7 +168,7 @@ def test_a_stage_without_hysteresis_is_reported_and_a_narrow_loop_is_none_of_the
     for width, reported in ((0.0, True), (0.03, False)):
         y = 0.9 * u + 0.01 * u**2 + width * play + noise
         d = diagnose_without_limits([Recording(t, u, y)])
-        assert any("no hysteresis shows" in s for s in d.data.says) is reported
+        assert any("no hysteresis is visible" in s for s in d.data.says) is reported
 
 
 def rounded(steps_in_range: int) -> list[Recording]:
@@ -246,7 +246,7 @@ def test_the_recording_that_a_given_model_misses_alone_is_named() -> None:
     given[2] = replace(given[2], name="r2.csv")
     d = diagnose_without_limits(given, model)
     assert d.verdict == "clean"
-    assert d.data.says[0].startswith("the recording r1.csv does not belong to the others")
+    assert d.data.says[0].startswith("the recording r1.csv does not match the others")
 
 
 def test_the_recording_that_alone_shows_an_effect_belongs_to_the_others() -> None:

@@ -43,7 +43,7 @@ def neighbour(k: int) -> Floats:
 @pytest.mark.parametrize(
     ("stage", "name", "words"),
     [
-        (delayed_from_then_on, "delay", "It is there from"),
+        (delayed_from_then_on, "delay", "It is present from"),
         (coupled_more_from_then_on, "coupling", "It grows at"),
     ],
 )
@@ -83,7 +83,7 @@ def test_what_begins_in_the_only_recording_is_named_with_its_time(
     first = d.findings[0]
     assert name in (first.name, *first.ambiguous_with)
     assert first.where["from_s"] == pytest.approx(AT, abs=within_s)
-    assert "It is there from" in first.says
+    assert "It is present from" in first.says
     assert name in {block.kind for block in d.model.blocks}  # it is there now
     assert d.rms["heldout_augmented"] < 1.2 * NOISE_UM
 

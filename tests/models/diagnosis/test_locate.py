@@ -38,4 +38,4 @@ def test_no_place_holds_more_than_all_of_it() -> None:
 def test_a_small_share_is_not_said_to_be_none() -> None:
     finding = report_unknown(0.1, 0.004, {"drive": "40% at 5.7 to 6 V"}, "um")
     assert finding.percent == "less than 1 %"
-    assert "of it, 40% at 5.7 to 6 V of the drive" in finding.says
+    assert "of this, 40% at 5.7 to 6 V of the drive" in finding.says

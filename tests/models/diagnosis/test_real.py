@@ -110,7 +110,7 @@ def test_readings_a_row_early_are_a_fault_of_the_recorder_and_nothing_else() -> 
     assert (rig.kind, rig.foreign, rig.hidden) == ("early", False, ())
     d = diagnose_without_limits(rig.given)
     assert (d.verdict, d.findings) == ("clean", ())
-    assert any("stands one row before" in words for words in d.data.says)
+    assert any("is recorded one row before" in words for words in d.data.says)
     leads = [b for b in d.base_model.blocks if b.kind == "lead"]
     assert [b.params["tau_s"] for b in leads] == [pytest.approx(1e-3)]
     left = rig.held.displacement - predict(d.base_model, rig.held).displacement

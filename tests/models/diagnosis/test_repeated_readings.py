@@ -105,7 +105,7 @@ def test_of_repeated_readings_no_lag_is_made() -> None:
     assert d.verdict == "clean"
     assert not {f.name for f in d.findings} & {"lag", "delay", "unknown"}
     assert d.noise == pytest.approx(NOISE_UM, rel=0.1)
-    assert any("samples repeat the reading before" in said for said in d.data.says)
+    assert any("samples repeat the previous reading" in said for said in d.data.says)
 
 
 @pytest.mark.parametrize("wild", [0, 4])

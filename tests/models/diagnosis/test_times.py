@@ -68,7 +68,7 @@ def test_a_line_for_a_time_in_several_recordings_is_said_of_all_of_them() -> Non
     there = (data.t > 3.0) & (data.t < 5.7) & (data.rec < 2)
     found = find_episodes(data, noise + 0.08 * there * np.sin(2 * np.pi * 57.3 * data.t), NOISE_UM)
     assert found is not None
-    said = found.finding.says.partition(" the reading carries ")[0]
+    said = found.finding.says.partition(" the reading contains ")[0]
     assert said.startswith("From ")
     assert " s of r0.csv" in said
     assert " s of r1.csv" in said
@@ -85,7 +85,7 @@ def test_a_line_that_began_and_goes_on_through_the_next_recording_is_one_finding
     begun = (data.rec == 1) | (data.t > 3.0)
     found = find_episodes(data, residual + begun * line, NOISE_UM)
     assert found is not None
-    assert found.finding.says.startswith("From 3 s of r0.csv on the reading carries ")
+    assert found.finding.says.startswith("From 3 s of r0.csv on the reading contains ")
     assert found.finding.where["recording"] == "r0.csv"
     assert found.finding.where["from_s"] == pytest.approx(3.0, abs=0.4)
     assert "to_s" not in found.finding.where
@@ -134,7 +134,7 @@ def test_the_time_of_a_slip_and_of_a_change_is_reported() -> None:
     text, places = describe_residual_change(
         data, noise + 0.1 * ((data.t > 4.2) & (data.rec == 0)), NOISE_UM
     )
-    assert "slips" in text
+    assert "shifts" in text
     assert places["from_s"] == pytest.approx(4.2, abs=0.05)
     late = noise * np.where((data.t > 5.0) & (data.rec == 1), 6.0, 1.0)
     text, places = describe_residual_change(data, late, NOISE_UM)

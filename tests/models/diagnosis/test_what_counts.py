@@ -84,7 +84,7 @@ def test_what_is_not_worth_its_price_is_refused(gain_in_prices: float, refused: 
     fit = problem.refit([Effect(coupling, ())])
     trial = CandidateTrial(coupling, fit, gain_in_prices * 400.0 * SIGMA**2, 400.0 * SIGMA**2)
     said = judge(state, trial, 0.0).refused
-    assert (said == "not worth its parameters") == refused
+    assert (said == "its improvement does not justify its parameters") == refused
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_what_removes_less_than_its_least_size_is_refused(
         said = judge(
             state, CandidateTrial(c, fit, gain, 0.0), 1e9 if key == "asymmetry" else 0.0
         ).refused
-        assert (said == "too small against the noise") == refused, (share, said)
+        assert (said == "too small compared with the noise") == refused, (share, said)
 
 
 @pytest.mark.parametrize(("share", "refused"), [(0.95, True), (1.05, False)])
@@ -121,7 +121,7 @@ def test_round_one_loop_alone_a_cause_must_remove_half_a_noise(share: float, ref
     c = candidate(data, "delay")
     gain = data.n * (share * 0.5 * SIGMA) ** 2
     trial = CandidateTrial(c, problem.refit([Effect(c, (2e-3,))]), gain, 0.0)
-    assert (judge(state, trial, 0.0).refused == "too small against the noise") == refused
+    assert (judge(state, trial, 0.0).refused == "too small compared with the noise") == refused
 
 
 @pytest.mark.parametrize(("damping", "refused"), [(0.01, False), (0.2, True)])
@@ -147,7 +147,7 @@ def test_a_mode_that_rings_long_counts_below_the_error_of_the_base(
     trial = try_candidate(problem, quiet, null, c, theta)
     assert 1e-4 < np.sqrt(trial.gain / data.n) < 2.5e-4 * np.ptp(data.y)
     said = judge(state, trial, trial.gain / data.n).refused
-    assert (said == "too small against the noise") == refused, said
+    assert (said == "too small compared with the noise") == refused, said
 
 
 def amplitudes(data: Data, by_block: list[float]) -> tuple[np.ndarray, np.ndarray]:

@@ -88,7 +88,7 @@ def test_one_sine_does_not_show_rate_dependence() -> None:
     t = np.arange(10_000) * 1e-3
     sine = Recording(t, 5 - 5 * np.cos(2 * np.pi * t))
     covered = measure_coverage([sine])
-    assert "tied together" in covered.missing_rate[0]
+    assert "are correlated" in covered.missing_rate[0]
     assert any("loops of these sizes" in text for text in covered.missing)
     assert covered.cycles == pytest.approx(10, rel=0.01)
     with pytest.raises(BadRecording, match="does not move"):

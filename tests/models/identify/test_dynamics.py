@@ -102,11 +102,11 @@ def test_the_side_of_a_long_lag_is_reported(place: str) -> None:
     (one,) = found.model.blocks
     assert (one.kind, one.place) == ("lag", place)
     assert one.params["tau_s"] == pytest.approx(0.02, rel=0.03)
-    assert not any("distinguished" in note for note in found.notes)
+    assert not any("drive or the sensor" in note for note in found.notes)
 
 
 def test_a_side_that_cannot_be_distinguished_is_said() -> None:
     """A lag of less than a sample, whose side cannot be determined."""
     found = identify([record_slowly("sensor", 0.003, 1.0)])
     assert found.model.blocks[0].place == "drive"
-    assert any("cannot be distinguished" in note for note in found.notes)
+    assert any("cannot show whether the drive or the sensor" in note for note in found.notes)

@@ -49,7 +49,7 @@ def test_a_decaying_sine_of_another_class_is_static(seed: int, hz: float) -> Non
     found = identify([Recording(t, u, noisy(everett(u, seed), seed))])
     assert not found.shape.rate
     assert found.model.blocks == ()
-    assert any(note.startswith("one rate: lag, delay") for note in found.notes)
+    assert any(note.startswith("only one rate: lag, delay") for note in found.notes)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -99,7 +99,7 @@ def test_a_recording_is_odd_beside_what_the_class_leaves(
 ) -> None:
     names = [f"{k}.csv" for k in range(len(alone))]
     if odd:
-        with pytest.raises(BadRecording, match="does not belong"):
+        with pytest.raises(BadRecording, match="does not match the others"):
             require_one_stage(names, together, alone, [3.0] * len(alone), "um")
     else:
         assert require_one_stage(names, together, alone, [3.0] * len(alone), "um") == ""

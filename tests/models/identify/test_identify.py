@@ -121,7 +121,7 @@ def test_a_very_long_recording_is_fitted_in_part(monkeypatch: pytest.MonkeyPatch
         rms(simulate_hysteresis(result.model.hysteresis, u, T) - simulate_hysteresis(truth, u, T))
         < 0.004
     )
-    assert any("a random part" in note for note in result.notes)
+    assert any("a random subset" in note for note in result.notes)
     assert np.count_nonzero(result.used[0]) > 19_000
 
 
@@ -231,9 +231,9 @@ def useless() -> dict[str, tuple[Recording, str]]:
     ramp = np.linspace(0, 7, u.size)
     return {
         "constant drive": (Recording(t, np.full(u.size, 3.0), noise), "stays at 3 V"),
-        "ramp": (Recording(t, ramp, ramp), "only runs up"),
+        "ramp": (Recording(t, ramp, ramp), "only goes up"),
         "nothing moves": (Recording(t, u, noise), "does not follow the drive"),
-        "dead sensor": (Recording(t, u, np.zeros(u.size)), "all the time while the drive moves"),
+        "dead sensor": (Recording(t, u, np.zeros(u.size)), "stays at 0 um while the drive moves"),
         "three lines": (Recording(t[:3], u[:3], u[:3]), "3 usable rows"),
         "no displacement": (Recording(t, u), "no displacement column"),
         "all missing": (Recording(t, u, np.full(u.size, np.nan)), "y_um holds no numbers"),

@@ -26,7 +26,7 @@ REASONS = {
     "butterfly": "butterfly", "square butterfly": "butterfly",
     "switching within": "in .* jumps|loop is", "switching": "loop is",
     "square friction": "loop is", "square wave": "only jumps between",
-    "dry": "loop is", "one way": "only runs", "nothing": "follow",
+    "dry": "loop is", "one way": "only goes", "nothing": "follow",
     "another": "follow|another input", "twice": "butterfly|follow", "open": "follow",
     "friction ahead": "jumps by|another input", "stick-slip": "in .* jumps|another input",
     "gauge disconnected": "follow", "drive unconnected": "follow", "gauge turned": "follow",

@@ -89,7 +89,7 @@ def test_lone_readings_are_left_out_and_said() -> None:
     given[0] = replace(given[0], displacement=y)
     found = diagnose_without_limits(given)
     assert (found.verdict, found.findings) == ("clean", ())
-    assert any(said.startswith("3 lone readings") for said in found.data.says)
+    assert any(said.startswith("3 isolated readings") for said in found.data.says)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -99,7 +99,7 @@ def test_no_noise_is_lone(seed: int) -> None:
     sweep = record("sweep", sine(0.0, 150.0, 1.2, 20.0), REST, seed)
     noise = 0.03 * np.random.default_rng(seed).standard_normal(sweep.size)
     found = identify([replace(sweep, displacement=np.add(sweep.displacement, noise))])
-    assert not any("lone" in note for note in found.notes)
+    assert not any("isolated" in note for note in found.notes)
 
 
 def follow_late(name: str, u: Floats, tau_s: float, seed: int) -> Recording:
@@ -121,7 +121,7 @@ def test_the_peaks_of_a_mode_that_rings_are_not_lone() -> None:
     _, y, _ = signal.lsim(([w**2], [1.0, 0.1 * w, w**2]), still, times(u.size / RATE_HZ))
     y += NOISE_UM * np.random.default_rng(6).standard_normal(u.size)
     found = identify([Recording(times(u.size / RATE_HZ), u, y, name="stairs.csv")])
-    assert not any("lone" in note for note in found.notes)
+    assert not any("isolated" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("tau_s", [0.002, 0.005, 0.02])
@@ -129,7 +129,7 @@ def test_readings_after_an_edge_that_the_stage_follows_late_are_not_lone(tau_s: 
     rng = np.random.default_rng(3)
     levels = np.r_[0.0, 150.0, 30.0, 120.0, 60.0, 90.0, rng.uniform(0.0, 150.0, 24)]
     found = identify([follow_late("stairs", np.repeat(levels, 150), tau_s, 5)])
-    assert not any("lone" in note for note in found.notes)
+    assert not any("isolated" in note for note in found.notes)
     assert found.used[0].all()
     others = np.repeat(rng.uniform(0.0, 150.0, 24), 100), sine(0.0, 150.0, 1.5, 6.0)
     for seed, u in enumerate(others):
@@ -170,7 +170,7 @@ def test_a_recording_that_does_not_belong_is_named_and_the_others_are_used(
     odd = given[which] = replace(given[which], displacement=fault(given[which]))
     found = diagnose_without_limits(given)
     assert (found.verdict, found.findings) == ("clean", ())
-    assert found.data.says[0].startswith(f"the recording {odd.name} does not belong to the others")
+    assert found.data.says[0].startswith(f"the recording {odd.name} does not match the others")
     assert odd.name not in found.rms["model"]
 
 
@@ -186,7 +186,7 @@ def test_hum_in_the_others_does_not_keep_a_recording_that_does_not_belong() -> N
     given[2] = replace(given[2], displacement=of_another_gain(given[2]))
     found = diagnose_without_limits(given)
     assert [finding.name for finding in found.findings] == ["hum"]
-    assert "does not belong to the others" in found.data.says[0]
+    assert "does not match the others" in found.data.says[0]
 
 
 @pytest.mark.parametrize("lost", [True, False])
@@ -205,6 +205,6 @@ def test_what_changes_across_a_pause_is_no_glitch_and_what_follows_is_not_bridge
         hole = np.where(keep, 1.0, np.nan)
         given = Recording(one.t_s, u * hole, one.displacement * hole, name="pause.csv")
     found = identify([given])
-    assert not any("lone drive values" in note for note in found.notes)
+    assert not any("isolated drive outliers" in note for note in found.notes)
     assert found.recordings[0].rms < 1.3 * NOISE_UM
     assert any("rows were left out" in note for note in found.notes)

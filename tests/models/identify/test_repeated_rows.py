@@ -48,11 +48,11 @@ NAMES = ["none", "one-in-twenty", "three-in-ten", "six-in-ten", "two-in-three"]
 def test_repeated_rows_are_no_misfit(again: Bools) -> None:
     found = identify([recorded(again, 1)])
     model, count = found.model, int(again.sum())
-    said = [note for note in found.notes if "repeat the reading of the row before" in note]
+    said = [note for note in found.notes if "repeat the previous reading" in note]
     assert [note.split(" rows ")[0] for note in said] == (
         [f"repeating.csv: {count} of {N}"] if count else []
     )
-    assert not any("lone" in note for note in found.notes)
+    assert not any("isolated" in note for note in found.notes)
     assert not found.used[0][again].any()
     assert found.noise_rms == pytest.approx(NOISE_UM, rel=0.1)
     assert model.fit.rms < 1.1 * NOISE_UM

@@ -43,7 +43,7 @@ def test_recordings_of_different_stages() -> None:
         1
     ).standard_normal(t.size)
     recordings = [Recording(t, u, y, name="a.csv"), Recording(t, v, other, name="b.csv")]
-    with pytest.raises(BadRecording, match="does not belong") as error:
+    with pytest.raises(BadRecording, match="does not match the others") as error:
         identify(recordings)
     assert all(name in str(error.value) for name in ("a.csv", "b.csv", "alone"))
 
@@ -56,7 +56,7 @@ def test_a_recording_that_runs_the_other_way_is_named_with_figures() -> None:
         Recording(t, v, -1.7 * right, name="b.csv"),
         Recording(t, v, right, name="c.csv"),
     ]
-    says = r"^b\.csv does not belong to the others.*a\.csv [0-9.]+ um/V, b\.csv -[0-9.]+ um/V, c"
+    says = r"^b\.csv does not match the others.*a\.csv [0-9.]+ um/V, b\.csv -[0-9.]+ um/V, c"
     with pytest.raises(BadRecording, match=says) as error:
         identify(recordings)
     assert "\n" not in str(error.value)
@@ -69,14 +69,14 @@ def test_a_recording_that_is_a_little_different_is_reported_and_not_refused() ->
     for gain, reported in ((1.0, 0), (1.08, 1)):
         both = [Recording(t, u, y + noise[1]), Recording(t, v, gain * alike, name="b.csv")]
         notes = identify(both).notes
-        assert sum("less like the others" in note for note in notes) == reported
+        assert sum("differs from the others" in note for note in notes) == reported
 
 
 def test_a_recording_none_of_whose_rows_counts_is_refused_by_its_name() -> None:
     both = [SimpleNamespace(u=u, y=y, name=name) for name in ("a.csv", "b.csv")]
     counted, none = np.ones(t.size, bool), np.zeros(t.size, bool)
     setup = SimpleNamespace(rows=both)
-    with pytest.raises(BadRecording, match=r"b\.csv: no row of it can be judged") as error:
+    with pytest.raises(BadRecording, match=r"b\.csv: none of its rows can be used") as error:
         require_better_than_a_line(setup, [0.01 * y, y], [counted, none])  # type: ignore[arg-type]
     assert "\n" not in str(error.value)
     require_better_than_a_line(setup, [0.01 * y, 0.01 * y], [counted, counted])  # type: ignore[arg-type]

@@ -37,7 +37,7 @@ def test_stretches_run_through_the_range_and_begin_at_the_start(hz: float, count
     assert one.displacement is not None
     np.testing.assert_array_equal(taken.recording.displacement, one.displacement[taken.rows])
     np.testing.assert_array_equal(taken.recording.channels["temp_c"], 20 + taken.recording.t_s)
-    assert "long.csv: of 60000 rows 20000 were used" in taken.note
+    assert "long.csv: 20000 of 60000 rows were used" in taken.note
 
 
 def test_short_or_slow_recordings_are_taken_whole() -> None:
@@ -60,7 +60,7 @@ def test_the_model_of_stretches_predicts_the_whole(monkeypatch: pytest.MonkeyPat
     assert np.count_nonzero(fitted) <= 20_000
     assert found.used[0].sum() > 10_000
     assert not found.used[0][~fitted].any()
-    assert any("of 60000 rows 20000 were used" in note for note in found.notes)
+    assert any("20000 of 60000 rows were used" in note for note in found.notes)
     assert one.displacement is not None
     left = one.displacement - simulate_hysteresis(found.model.hysteresis, one.drive, T)
     assert np.std(left) < 1.05 * 0.01

@@ -108,7 +108,7 @@ def test_a_resonance_that_would_grow_is_found_and_given_up() -> None:
     assert max(plant.rms) < 6.0 * plant.rms[0]
     assert max(plant.rms[15:]) < 0.02
     said = " ".join(one.says for one in plant.outcomes)
-    assert "no longer learned at" in said or "half the gain" in said
+    assert "learning stopped at" in said or "half the gain" in said
 
 
 def test_a_wrong_sense_ends_no_worse_than_it_began() -> None:
@@ -156,7 +156,7 @@ def test_a_stage_that_has_changed_is_learned_anew() -> None:
     plant.go(10)
     other = REPEATS + np.where((T > 0.5) & (T < 0.55), 0.5, 0.0)
     plant.go(15, other)
-    assert plant.outcomes[10].says.startswith("not learned from: a knock")
+    assert plant.outcomes[10].says.startswith("not used for learning: a knock")
     assert plant.outcomes[12].learned
     assert plant.rms[-1] < 0.3 * plant.rms[10]
 

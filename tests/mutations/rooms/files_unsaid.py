@@ -250,3 +250,135 @@ CHANGES += room(
         ("tests/daemon/files/test_foreign_advice.py",),
     ),
 )  # fmt: skip
+
+LABORATORIES = room(
+    ("tests/daemon/files/test_lab_exports.py",),
+    Change(
+        "missing-zeros-unnoticed", f"{FOREIGN}/epochs.py",
+        '    if lack_zeros(values):\n',
+        '    if False:\n',
+        'a file of "10.99" and "10.100" is cut into parts with a wrong time base',
+    ),
+    Change(
+        "factor-of-a-row-unread", f"{FOREIGN}/beside.py",
+        '|factor|faktor|slope|divider|teiler"',
+        '|slope"',
+        'a factor that stands in a row above the numbers is neither applied nor asked for',
+    ),
+    Change(
+        "slope-in-a-line-unread", f"{FOREIGN}/beside.py",
+        '(?:gain|factor|slope|sensitivity)\\b',
+        '(?:gain)\\b',
+        'the slope of a channel in a line of notes is passed over',
+    ),
+    Change(
+        "unit-of-time-above-unread", f"{FOREIGN}/understand.py",
+        '        if other:\n',
+        '        if False:\n',
+        'milliseconds that a line above states are taken as seconds',
+    ),
+    Change(
+        "codes-are-volts", f"{FOREIGN}/choice/doubts.py",
+        '    if words_of(drive.heading) & _NOT_VOLTS:\n',
+        '    if False:\n',
+        'codes of a converter are taken as volts',
+    ),
+    Change(
+        "parts-of-a-day-are-seconds", f"{FOREIGN}/choice/doubts.py",
+        '((0.01, 1.0), (30_000.0',
+        '((30_000.0',
+        'parts of a day are taken as seconds',
+    ),
+    Change(
+        "times-apart-are-one", f"{FOREIGN}/choice/choose.py",
+        'if not (together and all(scales))',
+        'if not all(scales)',
+        'times of another group are dropped as the same time',
+    ),
+    Change(
+        "two-times-are-the-same", f"{FOREIGN}/epochs.py",
+        'alike = all(gap <= 0.5 * length / rows for gap in apart)',
+        'alike = True',
+        'of two times that differ one is taken without a question',
+    ),
+    Change(
+        "digits-of-one-name-apart", f"{FOREIGN}/epochs.py",
+        'return names.count(name) > 1 or not name',
+        'return not name',
+        'seconds and nanoseconds of one stamp are two times',
+    ),
+    Change(
+        "milliseconds-since-1970", f"{FOREIGN}/epochs.py",
+        '"ms": (10**12, 41 * 10**11), ',
+        '',
+        'a unix_time in milliseconds is refused',
+    ),
+    Change(
+        "zone-apart-unread", f"{FOREIGN}/fields.py",
+        '_ZONE_APART.sub(r"\\1\\2", text)',
+        'text',
+        'a date with its time zone apart is no time',
+    ),
+    Change(
+        "numbered-label-divides", f"{FOREIGN}/units.py",
+        '    plain = _NUMBERED.sub("", plain)\n',
+        '',
+        'the label of a point behind a unit makes the unit unknown',
+    ),
+    Change(
+        "quotient-is-its-unit", f"{FOREIGN}/units.py",
+        '    if per := _PER.search(plain):\n',
+        '    if False:\n',
+        'a sensitivity in um per V is read as a displacement in volts',
+    ),
+    Change(
+        "voltage-of-an-output-is-measured", f"{FOREIGN}/roles.py",
+        '    if driven and voltage:  #',
+        '    if False:  #',
+        'the control voltage of a controller of PI is asked for',
+    ),
+    Change(
+        "points-of-thousands-unseen", f"{FOREIGN}/runs.py",
+        '"," in cell and GROUPED_BY_POINTS.fullmatch(cell) for cells in columns',
+        'False for cells in columns',
+        '75.000 is asked about beside 12.865,4',
+    ),
+    Change(
+        "byte-order-mark-inside", f"{FOREIGN}/text.py",
+        '.replace("\\ufeff", "")',
+        '',
+        'joined files are refused for their byte order marks',
+    ),
+    Change(
+        "one-unit-in-words-is-the-first-columns", f"{FOREIGN}/headings.py",
+        'len(labels) == 1 < len(cells)',
+        'len(labels) == 1',
+        'the unit of the displacement becomes that of the time',
+    ),
+    Change(
+        "fields-kept-as-text", f"{FOREIGN}/fields.py",
+        '.removeprefix(\'="\')',
+        '',
+        'fields that a spreadsheet keeps as text are no numbers',
+    ),
+    Change(
+        "texts-are-no-numbers", f"{FOREIGN}/containers/arrays.py",
+        'len(texts) > MOST_COLUMNS and "," not in',
+        'False and "," not in',
+        'numbers that are kept as texts are no column',
+    ),
+    Change(
+        "word-for-no-value", "daemon/files/csv_table.py",
+        '    "missing", "undef", "no data", "nodata",',
+        '    "undef", "no data", "nodata",',
+        'a line in which an instrument writes MISSING is refused',
+    ),
+    Change(
+        "date-beside-elapsed-time", f"{FOREIGN}/choice/choose.py",
+        '            found = [one]\n',
+        '            pass\n',
+        'a date next to the elapsed time is asked about',
+    ),
+)  # fmt: skip
+
+CHANGES = [*CHANGES, *LABORATORIES]

@@ -17,11 +17,23 @@ from dehyst.daemon.files.foreign.choice.advice import (
     option_for,
 )
 from dehyst.daemon.files.foreign.choice.table_roles import roles_together
-from dehyst.daemon.files.foreign.epochs import apart_as_times, counts_up, rises_evenly
+from dehyst.daemon.files.foreign.epochs import (
+    apart_as_times,
+    counts_up,
+    rises_evenly,
+    same_time,
+)
 from dehyst.daemon.files.foreign.found import Column, Draft
 from dehyst.daemon.files.foreign.reading import ReadOptions
-from dehyst.daemon.files.foreign.roles import BY_UNIT, BY_WORD, NAMES, kind_of, role_of
-from dehyst.daemon.files.foreign.units import find_unit_key, split_heading
+from dehyst.daemon.files.foreign.roles import (
+    BY_UNIT,
+    BY_WORD,
+    NAMES,
+    kind_of,
+    role_of,
+    unit_of_column,
+)
+from dehyst.daemon.files.foreign.units import UNITS, find_unit_key, split_heading
 from dehyst.models.errors import BadRecording
 
 
@@ -63,6 +75,10 @@ def choose_columns(
         found = [i for i in found if i != advised.get("t")]
         if len(found) > 1 and all_the_same(columns, found):
             alike[role], found = found, found[:1]
+        if role == "t" and len(found) > 1 and (one := _one_time(columns, found)) is not None:
+            shown = " and ".join(describe_column(columns[i]) for i in found)
+            draft.said.append(f"one time in {shown}")
+            found = [one]
         if len(found) == 1:
             chosen[role] = found[0]
         elif found and (role in wants or role in "tuy"):
@@ -216,6 +232,22 @@ def _may_be_time(column: Column, role: tuple[str, int]) -> bool:
     is: the name of an axis does not, as "x" of a curve may be the time."""
     axis = role[1] == BY_UNIT and not kind_of(column.heading, find_unit_key(column.unit))
     return (not role[0] or axis) and rises_evenly(column.values) and not counts_up(column.values)
+
+
+def _one_time(columns: Sequence[Column], found: Sequence[int]) -> int | None:
+    """Return which of several columns of times to take where all tell the same time, in units that
+    the file gives, such as a date next to the elapsed seconds; None where they do not, or where
+    others are between them, each of which may have a time of its own."""
+    scales = [
+        1.0 if columns[i].clock else UNITS.get(unit_of_column(columns[i]), ("", "", 0.0))[2]
+        for i in found
+    ]
+    values = [columns[i].values for i in found]
+    together = list(found) == [*range(found[0], found[0] + len(found))]
+    if not (together and all(scales)) or len({len(v) for v in values}) > 1:
+        return None
+    at = same_time([*zip(values, scales, strict=True)])
+    return None if at < 0 else found[at]
 
 
 def _named(name: str, columns: Sequence[Column], role: str, wanted: str | int) -> int:

@@ -54,12 +54,12 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
                 columns += _columns(f"{name}.{key}".strip("."), one.unit, np.asarray(array[key]))
         elif (texts := texts_in(array)) and len(texts) == 1:
             kept[name] = texts[0][:MOST_NOTE]
-        elif texts and not (clock := _clock_in(name, texts)):
+        elif texts and not (written := _written_in(name, texts)):
             left.append(name)
             lists[name] = [text.strip() for text in texts[:MOST_WIDE]]
             kept[name] = ", ".join(texts[:MOST_WIDE])[:MOST_NOTE]
         elif texts:
-            columns += clock
+            columns += written
         elif array.size == 1 and array.dtype.kind in "biuf":
             kept[name] = repr(float(array.reshape(-1)[0]))
             if one.unit:
@@ -134,12 +134,16 @@ def texts_in(array: Any) -> list[str]:
     return [text_of(t) for t in texts] if all(isinstance(t, str | bytes) for t in texts) else []
 
 
-def _clock_in(name: str, texts: Sequence[str]) -> list[Column]:
-    """Return texts that are all times or dates as a column, [] for others."""
-    if len(texts) < 2 or moment_of(texts[0].strip()) is None:
+def _written_in(name: str, texts: Sequence[str]) -> list[Column]:
+    """Return texts that are all times or dates, or more numbers with decimal points than there can
+    be names, as a column; [] for others."""
+    clock = moment_of(texts[0].strip()) is not None
+    if len(texts) < 2 or not (clock or (len(texts) > MOST_COLUMNS and "," not in "".join(texts))):
         return []
-    moments = [number_of(text) for text in texts]
-    return [] if None in moments else [Column(name, np.array(moments, dtype=float), clock=True)]
+    values = [number_of(text) for text in texts]
+    if None in values or all(value != value for value in values):
+        return []
+    return [Column(name, np.array(values, dtype=float), clock=clock)]
 
 
 def of_one_length(
