@@ -132,8 +132,9 @@ def found(effect: str) -> Diagnosis:
 def test_hidden_effect_is_named_first_and_the_model_predicts(effect: str) -> None:
     given = recordings(effect)
     d = found(effect)
-    # the phase of a hum differs between recordings and cannot be predicted
-    assert d.verdict == ("partly" if effect == "hum" else "explained")
+    # the phase of a hum differs between recordings and cannot be predicted; the loop's branches
+    # between the places of a quick mode are predicted to 1.3 noises only
+    assert d.verdict == ("partly" if effect in ("hum", "resonance") else "explained")
     # the loop of this class is not the plain model's: that is reported in addition to the effect
     assert next(f.name for f in d.findings if f.name != "shape") == effect
     assert 0.9 < sum(f.share for f in d.findings) <= 1.0

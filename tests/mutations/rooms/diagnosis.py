@@ -643,8 +643,8 @@ CHANGES = [
         Change(
             "more-than-the-noise-is-left",
             HANDOUT,
-            "MOST_LEFT = 1.0",
-            "MOST_LEFT = 1.25",
+            "most = TUNING.half if several else TUNING.quarter",
+            "most = TUNING.most if several else TUNING.quarter",
             "a misfit is said to be explained where another drive has more than 1.5 noises",
             tests=("tests/models/diagnosis/test_written_model.py",),
         ),
