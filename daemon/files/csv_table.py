@@ -34,17 +34,19 @@ MOST_COLUMNS = 256
 END_OF_FILE = "\x1a"
 """What programs for DOS write behind the last line (Ctrl-Z)."""
 LARGEST = 1e15  # beyond this a number is damage, not a measurement; its cube still fits a float
+_BEYOND_RANGE = (
+    "over", "overflow", "over range", "overrange", "overload", "ovld", "ovrflw", "ol", "ovl", "ofl",
+    "underflow", "under range", "underrange", "∞",
+)  # fmt: skip
+"""What instruments write, with or without a sign, beyond their range."""
 MISSING = {
     "", "nan", "-nan", "nan(ind)", "-nan(ind)", "nan(snan)", "-nan(snan)", "na", "n/a", "<na>",
     "nat", "null", "none", "nil", "-", "--", "---", "#n/a", "#nv", "#num!", "#zahl!", "#div/0!",
     "#value!", "#wert!", "#ref!", "#bezug!", "#name?", "#null!", "n.a.", "n.d.", "?",
-    "missing", "undef", "no data", "nodata", "\\n", ".", "k.a.",
-    *(sign + word for sign in ("", "+", "-") for word in (
-        "over", "overflow", "over range", "overrange", "overload", "ovld", "ovrflw", "ol", "ovl",
-        "ofl", "underflow", "under range", "underrange", "∞",
-    )), "−∞",
+    "missing", "undef", "no data", "nodata", "\\n", ".", "k.a.", "−∞",
+    *(sign + word for sign in ("", "+", "-") for word in _BEYOND_RANGE),
 }  # fmt: skip
-"""Fields without a value; instruments write the last two rows of words beyond their range."""
+"""Fields without a value."""
 _NO_NUMBER = re.compile(r"[+-]?(1[.,]#\w+|9[.,]91?0*e\+?37)")
 """What Microsoft's C library writes for a number that is none ("-1.#IND", "1.#QNAN", "1.#INF"), and
 SCPI for one that is not known, or beyond the range ("9.91E+37", "-9.9E+37")."""

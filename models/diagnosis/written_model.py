@@ -70,8 +70,8 @@ class WrittenModel:
         quarter may be left, and half must be explained. A line whose phase another recording does
         not share is left too. removed: mean square of what the readings were judged without.
 
-        Of 210 simulated stages with up to the noise's power left, seven had more than 1.5 times the
-        noise left on another drive; of 168 within these limits, one, with 1.51."""
+        Of 213 simulated stages with up to the noise's power left, eight had more than 1.5 times the
+        noise left on another drive; of 164 within these limits, one, with 1.51."""
         left = self.held.mean_square + removed - noise**2
         before = self.held_in_use.mean_square + removed - noise**2
         several = len(self.held.of_each) > 1

@@ -47,7 +47,10 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_links_that_lead_somewhere(site: Path) -> None:
-    assert "The position of a piezo stage is not proportional to its voltage" in (site / "index.html").read_text()
+    assert (
+        "The position of a piezo stage is not proportional to its voltage"
+        in (site / "index.html").read_text()
+    )
     page = (site / "extra.html").read_text()
     assert 'href="record.html#for-weeks"' in page
     assert "c (<code>daemon/main.py</code>)" in page

@@ -26,7 +26,8 @@ _MILLISECONDS = re.compile(r"(:\d\d:\d\d):(\d{3})(?!\d)")
 """Behind a colon, as data loggers of Keysight write them."""
 _HALF_DAY = re.compile(r"(?:(.*)\s)?\s*(1[0-2]|0?[1-9])(:.*\d)\s*([ap])\.?m\.?", re.I)
 _DAYS = re.compile(r"(\d+) days?,? (.*)", re.I)
-_SLASHED = re.compile(r"(\d{1,2})[/-](\d{1,2})[/-](\d{4}|\d\d)[ T,]\s*(.*)")
+_SLASHED = re.compile(r"(\d{1,2})([/-])(\d{1,2})\2(\d{4}|(?<=/)\d\d)[ T,]\s*(.*)")
+"""With dashes, two digits at the end may also be the day: "25-03-14"."""
 _GERMAN_DATE = re.compile(r"(\d\d?)\.(\d\d?)\.(\d{4}|\d\d)[ T,]\s*(.*)")
 _POINTED_DATE = re.compile(r"(\d{4})\.(\d\d)\.(\d\d)[ T](.*)")
 _NAMED_MONTH = re.compile(
@@ -108,8 +109,8 @@ def moment_of(text: str) -> float | None:
         hour = f"{int(half[2]) % 12 + 12 * (half[4] in 'pP'):02d}"
         return moment_of(f"{half[1] or ''} {hour}{half[3]}".strip())
     if slashed := _SLASHED.fullmatch(text):
-        month, day = sorted((int(slashed[1]), int(slashed[2])), key=lambda n: n > 12)
-        text = f"{_year(slashed[3])}-{month:02d}-{day:02d} {slashed[4]}"
+        month, day = sorted((int(slashed[1]), int(slashed[3])), key=lambda n: n > 12)
+        text = f"{_year(slashed[4])}-{month:02d}-{day:02d} {slashed[5]}"
     elif german := _GERMAN_DATE.fullmatch(text):
         text = f"{_year(german[3])}-{int(german[2]):02d}-{int(german[1]):02d} {german[4]}"
     elif pointed := _POINTED_DATE.fullmatch(text):

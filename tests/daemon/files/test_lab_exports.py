@@ -74,6 +74,15 @@ def test_dates_of_many_programs(tmp_path: Path, kind: str) -> None:
     is_it(read(write(tmp_path / "a.csv", "Timestamp;Voltage (V);Position (um)", row)))
 
 
+def test_two_digits_at_both_ends_of_a_date_with_dashes_are_no_date(tmp_path: Path) -> None:
+    """Of "25-03-14" either end may be the year: read as the other, midnight would be a year."""
+
+    def row(i: int) -> str:
+        return f"{BEGIN + timedelta(milliseconds=5 * i):%y-%m-%d %H:%M:%S.%f};{U[i]};{Y[i]}"
+
+    asked(write(tmp_path / "a.csv", "Timestamp;Voltage (V);Position (um)", row))
+
+
 @pytest.mark.parametrize(
     "names", ["header.stamp.sec;header.stamp.nanosec", "tv_sec;tv_nsec", "stamp_secs;stamp_nsecs"]
 )

@@ -320,6 +320,12 @@ LABORATORIES = room(
         'a date with its time zone apart is no time',
     ),
     Change(
+        "either-end-is-the-year", f"{FOREIGN}/fields.py",
+        '(?<=/)\\d\\d)[ T,]',
+        '\\d\\d)[ T,]',
+        'a date that begins with its year in two digits is one of another year',
+    ),
+    Change(
         "numbered-label-divides", f"{FOREIGN}/units.py",
         '    plain = _NUMBERED.sub("", plain)\n',
         '',
