@@ -253,5 +253,7 @@ def _mark(story: StoryData, axes: Axes) -> str:
             textcoords="offset points",
             fontsize=9,
             va="top",
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
+            zorder=5,  # above the line of the next event
         )
     return f"{'; '.join(said)}." if said else ""
