@@ -21,6 +21,7 @@ from dehyst.models.diagnosis.augment import (
 )
 from dehyst.models.diagnosis.base import ModelPrior, compact_base, rich_base
 from dehyst.models.diagnosis.data.drive_path import is_one_period
+from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.findings.weigh import Conclusion
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.held_out import (
@@ -99,9 +100,11 @@ def choose_written_model(
     with no recording worse than with the model in use; the model in use where none
     predicts better or all would diverge. data: all samples."""
     problem, final = weighed.problem, weighed.final
+    written = [e for e in final.effects if _is_determined(e, problem.data)]
     if problem.data.between is not None:  # a model assumes straight lines between samples
         problem = replace(problem, data=replace(problem.data, between=None))
-        final = problem.refit(final.effects)
+    if problem is not weighed.problem or len(written) < len(final.effects):
+        final = problem.refit(written)
     bare = replace(bare, data=replace(bare.data, between=None, stepped=problem.data.stepped))
     held_out = make_held_out_groups(problem, bare.data.u, effects=final.effects)
     in_use_model = bare.diagnosed.model
@@ -132,12 +135,12 @@ def choose_written_model(
         return WrittenModel(model, held, in_use, choice.contains, choice.shape, gained=True)
 
     for choice in _choices(problem, bare, final):
-        if written := better(choice):
-            best, chosen = written, choice
+        if found := better(choice):
+            best, chosen = found, choice
     while chosen is not None and chosen.problem is not bare:
         for fewer in [chosen.without(effect) for effect in chosen.fit.effects]:
-            if written := better(fewer):
-                best, chosen = written, fewer
+            if found := better(fewer):
+                best, chosen = found, fewer
                 break
         else:
             break
@@ -151,6 +154,13 @@ def choose_written_model(
         except BadModel:  # a parameter value that the model format does not allow
             best = replace(best, alone=np.inf)
     return best
+
+
+def _is_determined(effect: Effect, data: Data) -> bool:
+    """Return whether the recordings fix the effect for another drive. A drive of one period shows a
+    mode at its harmonics only, and there a hum that keeps time with the drive looks the same."""
+    rings = effect.candidate.free_oscillation(effect.theta) is not None
+    return not (rings and is_one_period(data))
 
 
 def _jackknife_elsewhere(chosen: WritableFit, groups: Sequence[Bools], model: Model) -> float:

@@ -402,3 +402,25 @@ def test_a_part_that_gives_a_value_that_no_model_may_have_costs_that_choice_alon
     d = diagnose_without_limits(given)
     assert "drift" in {f.name for f in d.findings}
     assert d.rms["heldout_augmented"] < d.rms["heldout_model"]
+
+
+def record_ringing(period_s: float) -> Recording:
+    """Return a triangle of this period on a Preisach stage with a mode at 37 Hz."""
+    t = 1e-3 * np.arange(8000)
+    u = 3.0 + 2.0 * signal.sawtooth(2 * np.pi * t / period_s, 0.5)
+    still = preisach(np.random.default_rng(5))(u)
+    w = 2 * np.pi * 37.0
+    mode = signal.lti([w * w], [1.0, 2 * 0.02 * w, w * w])
+    y = still[0] + signal.lsim(mode, still - still[0], t)[1]
+    noise = NOISE * np.random.default_rng(int(1e3 * period_s)).standard_normal(t.size)
+    return Recording(t, u, y + noise, name=f"triangle of {period_s} s")
+
+
+@pytest.mark.parametrize("periods", [(0.2,), (0.2, 0.31)])
+def test_a_mode_is_written_where_it_is_seen_at_more_than_one_periods_harmonics(
+    periods: tuple[float, ...],
+) -> None:
+    found = diagnose_without_limits([record_ringing(one) for one in periods])
+    assert "resonance" in [f.name for f in found.findings]
+    assert ("resonance" in [block.kind for block in found.model.blocks]) == (len(periods) > 1)
+    assert (found.verdict == "explained") == (len(periods) > 1)

@@ -1124,6 +1124,14 @@ CHANGES = [
             ("tests/benchmarks/models/test_proof.py",),
         ),
         Change(
+            "a-mode-of-one-period-is-written",
+            "models/diagnosis/written_model.py",
+            "return not (rings and is_one_period(data))",
+            "return True",
+            "a mode that only one drive's harmonics show is in the model that is handed out",
+            ("tests/models/diagnosis/test_written_model.py",),
+        ),
+        Change(
             "a-quick-drive-is-held",
             "models/diagnosis/searched.py",
             "if curved.sse < fit.sse else fed",
