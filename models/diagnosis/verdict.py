@@ -30,7 +30,11 @@ from dehyst.models.diagnosis.judge import SearchState, base_error, misfit_beyond
 from dehyst.models.diagnosis.result import Finding, Progress
 from dehyst.models.diagnosis.searched import Searched
 from dehyst.models.diagnosis.tuning import TUNING
-from dehyst.models.diagnosis.written_model import WrittenModel, choose_written_model
+from dehyst.models.diagnosis.written_model import (
+    WrittenModel,
+    choose_written_model,
+    is_determined,
+)
 from dehyst.models.signals.error_size import rms
 from dehyst.models.signals.joined import Data, Floats
 
@@ -91,8 +95,13 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
     if needless:  # the rest explains it all
         rest = without_effects_of_kind(found, lambda c: c.key in needless)
         return reach_verdict(replace(searched, found=rest), say)
+    at_harmonics = {
+        e.candidate.key for e in found.accepted.effects if not is_determined(e, searched.whole)
+    }
     findings = [
-        f if f.name in ("shape", "unknown") or f.key in written.contains else mark_not_written(f)
+        f
+        if f.name in ("shape", "unknown") or f.key in written.contains
+        else mark_not_written(f, f.key in at_harmonics)
         for f in one.findings
         if not (lost and f.name == "shape") and not (f.key in refuted and f.share < TUNING.minor)
     ]

@@ -100,7 +100,7 @@ def choose_written_model(
     with no recording worse than with the model in use; the model in use where none
     predicts better or all would diverge. data: all samples."""
     problem, final = weighed.problem, weighed.final
-    written = [e for e in final.effects if _is_determined(e, problem.data)]
+    written = [e for e in final.effects if is_determined(e, problem.data)]
     if problem.data.between is not None:  # a model assumes straight lines between samples
         problem = replace(problem, data=replace(problem.data, between=None))
     if problem is not weighed.problem or len(written) < len(final.effects):
@@ -156,7 +156,7 @@ def choose_written_model(
     return best
 
 
-def _is_determined(effect: Effect, data: Data) -> bool:
+def is_determined(effect: Effect, data: Data) -> bool:
     """Return whether the recordings fix the effect for another drive. A drive of one period shows a
     mode at its harmonics only, and there a hum that keeps time with the drive looks the same."""
     rings = effect.candidate.free_oscillation(effect.theta) is not None

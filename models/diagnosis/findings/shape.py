@@ -68,6 +68,10 @@ NOT_CONTAINED = (
 NOT_WRITTEN = (
     "The written model does not contain it, because it would not predict another recording better."
 )
+AT_HARMONICS = (
+    "The written model does not contain it, because a drive of one period shows it only at the "
+    "harmonics of this period: record drives of several periods, or steps."
+)
 
 
 def mark_not_contained(finding: Finding) -> Finding:
@@ -75,9 +79,11 @@ def mark_not_contained(finding: Finding) -> Finding:
     return replace(finding, says=finding.says.replace(CONTAINED, NOT_CONTAINED))
 
 
-def mark_not_written(finding: Finding) -> Finding:
-    """Return the finding for an effect that the written model does not contain."""
-    return replace(finding, says=f"{finding.says} {NOT_WRITTEN}")
+def mark_not_written(finding: Finding, at_harmonics: bool) -> Finding:
+    """Return the finding for an effect that the written model does not contain. at_harmonics: the
+    recording shows it at the harmonics of one period only."""
+    why = AT_HARMONICS if at_harmonics else NOT_WRITTEN
+    return replace(finding, says=f"{finding.says} {why}")
 
 
 def measure_correction(
