@@ -9,8 +9,6 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from dehyst.daemon.api.functions import diagnose, load_model
-from dehyst.daemon.api.results import DIAGNOSIS_FILES
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_given, say_converted
 from dehyst.daemon.files.outputs import add_force, check_outputs
@@ -49,6 +47,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose and write the three files; return 1 if the model lacks something."""
+    # slow imports, which help does not need
+    from dehyst.daemon.api.functions import diagnose, load_model
+    from dehyst.daemon.api.results import DIAGNOSIS_FILES
+
     results = [args.output / name for name in DIAGNOSIS_FILES]
     check_outputs(results, [*args.recordings, args.model], args.force)
     recordings = _read(args)

@@ -8,8 +8,6 @@ from pathlib import Path
 from rich.console import Console
 
 from dehyst.daemon import clock
-from dehyst.daemon.api.functions import identify
-from dehyst.daemon.api.identification_summary import describe_result, summary
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_given
 from dehyst.daemon.files.outputs import add_force, check_outputs
@@ -63,6 +61,10 @@ def run(args: argparse.Namespace) -> int:
     check_outputs([args.output, page], args.recordings, args.force)
     started_ns = clock.monotonic_ns()
     recordings = read_given(args.recordings, args)
+    # slow imports, which help and a refused file do not need
+    from dehyst.daemon.api.functions import identify
+    from dehyst.daemon.api.identification_summary import describe_result, summary
+
     with working() as say:
         found = identify(
             recordings,

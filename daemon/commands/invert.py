@@ -3,18 +3,19 @@
 import argparse
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dehyst.daemon.api.functions import invert
-from dehyst.daemon.api.results import Drive
 from dehyst.daemon.files.foreign.reading import add_reading, reading_of
 from dehyst.daemon.files.given_recordings import say_read
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.files.recordings import read_trajectory
 from dehyst.daemon.json_text import print_json_line
 from dehyst.daemon.printable import how_many
+
+if TYPE_CHECKING:
+    from dehyst.daemon.api.results import Drive
 
 EPILOG = """\
 Writes t_s, target, the drive, the model's prediction, and flags (a sum of:
@@ -68,6 +69,9 @@ def run(args: argparse.Namespace) -> int:
     check_outputs([args.output], [args.model, args.trajectory], args.force)
     trajectory = read_trajectory(args.trajectory, reading=reading_of(args))
     say_read(trajectory.read)
+    # slow imports, which help and a refused file do not need
+    from dehyst.daemon.api.functions import invert
+
     made = invert(
         args.model,
         trajectory,
@@ -88,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if np.any(made.result.flags & UNREACHABLE) else 0
 
 
-def _summary(made: Drive) -> dict[str, Any]:
+def _summary(made: "Drive") -> dict[str, Any]:
     return {
         "mode": made.mode,
         "reason": made.reason,
@@ -101,7 +105,7 @@ def _summary(made: Drive) -> dict[str, Any]:
     }
 
 
-def _report(output: Path, made: Drive) -> None:
+def _report(output: Path, made: "Drive") -> None:
     unit = made.model.displacement_unit
     print(f"{output}: {how_many(made.drive.size, 'sample')}, {made.mode} ({made.reason})")
     if math.isfinite(made.rms):

@@ -3,7 +3,6 @@
 import argparse
 from pathlib import Path
 
-from dehyst.daemon.api.functions import load_model, simulate
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_one_given, say_converted
 from dehyst.daemon.files.outputs import add_force, check_outputs
@@ -36,6 +35,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate and write; return 0."""
     check_outputs([args.output], [args.model, args.recording], args.force)
+    # slow imports, which help and a refused file do not need
+    from dehyst.daemon.api.functions import load_model, simulate
+
     model, recording = load_model(args.model), read_one_given(args.recording, args)
     say_converted([recording], model.displacement_unit)
     found = simulate(model, recording)

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import detrend
 from threadpoolctl import threadpool_limits
 
 from dehyst.models.cascade.figures import describe
@@ -272,7 +271,8 @@ def _result(
     spread = measure_spread(found.flat, found.coarse, found.best, rivals)
     steady = None
     if found.drifted:  # claims hold next to a drift, which has a note of its own
-        own = detrend(own)
+        row = np.arange(own.size)
+        own = own - np.polyval(np.polyfit(row, own, 1), row)
         steady = rms(own) * max(1.0, fitted.scored.held_rms / fitted.scored.fitted_rms)
     band = estimate_band(setup, fitted, found.offset, jackknife, (spread, noise))
     model = setup.model(fitted.r, fitted.shape, found.params, found.offset, found.lag)

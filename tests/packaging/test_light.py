@@ -16,6 +16,11 @@ HEAVY = {"numba", "scipy", "matplotlib", "rich.progress"}
         ("dehyst.daemon.service.supervisor", HEAVY),
         ("dehyst.daemon.gateway.process", {"matplotlib", "scipy.signal", "scipy.ndimage"}),
         ("dehyst.daemon.loop.process", {"matplotlib", "scipy.signal", "scipy.ndimage"}),
+        ("dehyst.daemon.commands.identify", {"numba", "scipy", "matplotlib"}),
+        ("dehyst.daemon.commands.diagnose", {"numba", "scipy", "matplotlib"}),
+        ("dehyst.daemon.commands.invert", {"numba", "scipy", "matplotlib"}),
+        ("dehyst.daemon.commands.simulate", {"numba", "scipy", "matplotlib"}),
+        ("dehyst.daemon.api.functions", {"matplotlib", "scipy.signal", "scipy.stats"}),
     ],
 )
 def test_an_import_takes_nothing_heavy_with_it(module: str, without: set[str]) -> None:

@@ -481,4 +481,22 @@ CHANGES = [
             "a drive of ten million volts is designed",
         ),
     ),
+    *room(
+        ("tests/packaging/test_light.py",),
+        Change(
+            "statistics-for-a-line",
+            "models/identify/identification.py",
+            "import numpy as np\nfrom threadpoolctl",
+            "import numpy as np\nimport scipy.signal\nfrom threadpoolctl",
+            "every command for recordings starts half a second later",
+        ),
+        Change(
+            "help-loads-the-library",
+            "daemon/commands/simulate.py",
+            "from dehyst.daemon.files.foreign.reading import add_reading\n",
+            "import dehyst.daemon.api.functions\n"
+            "from dehyst.daemon.files.foreign.reading import add_reading\n",
+            "`dehyst simulate --help` takes a second",
+        ),
+    ),
 ]
