@@ -21,7 +21,8 @@ dehyst.drivers.direct_calls): the compiled loop then uses it.
 
 A driver of an amplifier with several outputs on one link may add `join()`: see Joinable. One whose
 unit measures its output may add `readback()`, which returns this voltage: the loop compares it with
-the output that was set. One whose unit has an identity adds `unit` and `expect()`: see Identifiable.
+the output that was set. One whose unit has an identity adds `unit` and `expect()`: see
+Identifiable.
 """
 
 from collections.abc import Mapping, Sequence
