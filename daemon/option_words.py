@@ -27,7 +27,7 @@ _CHOICES = r"\w+(?:(?:,\ (?:or\ )?|\ or\ )\w{1,6}\b)*"
 _COLUMNS = r"""(?:\w+=(?:"[^"]*"|[\w.]+))(?:,\w+=(?:"[^"]*"|[\w.]+))*"""
 _OPTION = re.compile(
     rf"""
-      --(?P<units>time-unit|drive-unit|unit)\ (?P<choices>{_CHOICES})
+      --(?P<units>time-unit|drive-unit|unit)\ (?!and\b)(?P<choices>{_CHOICES})
     | --(?P<columns>columns)\ (?P<pairs>{_COLUMNS})
     | --(?P<name>[a-z]+(?:-[a-z]+)*)(?:[ =](?P<value>{_NUMBER}|[A-Z]+\b))?
     """,

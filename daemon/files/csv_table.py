@@ -259,7 +259,7 @@ def _field(name: str, line: int, key: str, field: str) -> float:
 def is_missing(text: str) -> bool:
     """Return whether a field says that there is no value."""
     lower = text.lower()
-    if lower in MISSING or not lower.strip("*"):  # Fortran fills a field with stars
+    if lower in MISSING or not lower.strip("*-+._?"):  # "*****" of Fortran, "--.--" of a display
         return True
     return ("#" in text or "e" in lower) and bool(_NO_NUMBER.fullmatch(lower))
 

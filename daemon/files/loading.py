@@ -26,9 +26,14 @@ from dehyst.daemon.files.foreign.containers.apart import NEEDS, read_apart
 from dehyst.daemon.files.foreign.containers.arrays import found_in, of_one_length
 from dehyst.daemon.files.foreign.containers.numpy_file import read_npy, read_npz
 from dehyst.daemon.files.foreign.containers.packed import PACKED, kind_of_zip, unpack
-from dehyst.daemon.files.foreign.fields import number_of
+from dehyst.daemon.files.foreign.fields import TRUTHS, number_of
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet
-from dehyst.daemon.files.foreign.no_value import MOST_MISSING, stands_for_none
+from dehyst.daemon.files.foreign.no_value import (
+    MOST_MISSING,
+    note_marked,
+    note_wrapped,
+    stands_for_none,
+)
 from dehyst.daemon.files.foreign.reading import AS_IT_IS, ReadOptions
 from dehyst.daemon.files.foreign.roles import BY_UNIT, PLAIN, role_of
 from dehyst.daemon.files.foreign.text import ends_in_other_rows, read_text_table
@@ -117,6 +122,8 @@ def load_columns(
             f"{text} may stand for no value; if so, empty these fields" for text in found if text
         ]
         loaded.said = "; ".join(remarks)
+    if wrapped := note_wrapped(loaded.columns):
+        loaded.said = f"{loaded.said}; {wrapped}".removeprefix("; ")
     return loaded
 
 
@@ -220,7 +227,9 @@ def _is_own(path: Path, wants: Sequence[str]) -> bool:
     if len(lines) < 2:
         return True
     fields = lines[1].partition("#")[0].split(",")
-    return len(fields) == len(header) and all(number_of(field) is not None for field in fields)
+    numbers = [number_of(field) is not None for field in fields]
+    truths = any(field.strip().lower() in TRUTHS for field in fields)
+    return len(fields) == len(header) and all(numbers) and not truths
 
 
 def _names_are_own(names: Iterable[str], wants: Sequence[str]) -> bool:
@@ -277,7 +286,7 @@ def _understood(path: Path, found: Sheet, reading: ReadOptions, wants: Sequence[
         if words:
             column.values = np.where(none, np.nan, column.values)
             found.said.append(f"{words} taken for no value")
-    found.said = [printable(text) for text in found.said]
+    found.said = [printable(text) for text in [*found.said, *note_marked(found.columns)]]
     needs = [role for role in wants if role not in reading.columns]
     found = of_one_length(path.name, found, map(str, reading.columns.values()), needs)
     _refuse_absurd(path.name, {c.heading: c.values for c in found.columns})

@@ -131,6 +131,11 @@ def test_a_command_speaks_of_options_and_afterwards_python_of_parameters(
             "load_recording",
             "columns='t=0,y=\"Weg (um)\"' names it",
         ),
+        (
+            "add --drive-unit and --unit, the unit of the numbers",
+            "load_recording",
+            "add drive_unit and unit, the unit of the numbers",
+        ),
         ("record with --rotate", "identify", "record with --rotate"),
     ],
 )

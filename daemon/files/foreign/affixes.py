@@ -1,8 +1,12 @@
 """Read text whose fields repeat their names or units, or are written as lists: "t:0.005,u:50.1 V",
-"0.005 s; 50.1 V", "[0.005, 50.1]", "np.float64(50.1)"."""
+"0.005 s; 50.1 V", "[0.005, 50.1]", "np.float64(50.1)"; or that holds more words than numbers."""
 
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+
+from dehyst.daemon.files.foreign.fields import number_of
+from dehyst.daemon.files.foreign.units import LETTERS, find_unit_key
 
 _FIELD = re.compile(
     r"\s*(?:(?P<name>[^\W\d][\w \[\]()/.]*?)\s*[:=]\s*)?"
@@ -13,6 +17,9 @@ _FIELD = re.compile(
 )
 _LISTED = re.compile(r"\s*[\[(](?=[^\])]*[,;])(.*)[\])],?\s*")
 """A line that is a list of Python."""
+_WITH_UNIT = re.compile(
+    r"\s*([-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:e[-+]?\d+)?)\s?([^\W\d_]{1,8}|°C?|%)\s*", re.IGNORECASE
+)
 LEAST_ROWS = 3
 
 
@@ -48,9 +55,84 @@ def bare_numbers(lines: Sequence[str], places: Sequence[int]) -> list[str] | Non
     return None
 
 
+def without_units(
+    lines: Sequence[str], places: Sequence[int], split: Callable[[str], list[str]], separator: str
+) -> tuple[list[str], dict[int, str]] | None:
+    """Return (the lines without the unit that each field of a column repeats, the unit by column);
+    None if no column does. places: of the lines that are not empty."""
+    rows = [split(lines[i]) for i in places]
+    units = {j: unit for j, cell in enumerate(rows[len(rows) // 2]) if (unit := unit_behind(cell))}
+    for j, unit in [*units.items()]:
+        of = [unit_behind(row[j]) for row in rows if len(row) > j]
+        if 2 * of.count(unit) < len(rows) or set(of) - {"", unit}:
+            del units[j]  # or in several units
+    if not units or not separator:
+        return None
+
+    def bare(line: str) -> str:
+        row = split(line)
+        with_unit = [j for j, unit in units.items() if len(row) > j and unit_behind(row[j]) == unit]
+        for j in with_unit:
+            row[j] = row[j].strip()[: -len(units[j])].strip()
+        whole = separator.join(f'"{cell}"' if separator in cell else cell for cell in row)
+        return whole if with_unit else line
+
+    return [bare(line) for line in lines], units
+
+
+def unit_behind(cell: str) -> str:
+    """Return the unit behind the number in a field, "" if there is none, or a letter that may also
+    be a prefix: "706.9m"."""
+    found = _WITH_UNIT.fullmatch(cell)
+    if found is None or _is_number(cell) or found[2].lower() in LETTERS:
+        return ""
+    return found[2] if find_unit_key(found[2]) else ""
+
+
 def _split(line: str, separator: str | None) -> list[re.Match[str]]:
     """Return the fields of a line, [] if one is no number with a name or a unit."""
     listed = _LISTED.fullmatch(line)
     fields = [_FIELD.fullmatch(cell) for cell in (listed[1] if listed else line).split(separator)]
     found = [field for field in fields if field is not None]
     return found if len(found) == len(fields) > 1 else []
+
+
+def without_words(
+    lines: Sequence[str], places: Sequence[int], split: Callable[[str], list[str]], separator: str
+) -> list[str] | None:
+    """Return the lines of a table in which columns of words are empty, where words are as many as
+    numbers or more, such as a status beside each channel; None if they are no table of at least two
+    columns of numbers. places: of the lines that are not empty."""
+    rows = [split(lines[i]) for i in places]
+    sizes = [len(row) for row in rows]
+    width = max(set(sizes), key=sizes.count)
+    table = [(i, row) for i, row in zip(places, rows, strict=True) if len(row) == width]
+    columns = [*zip(*(row for _, row in table), strict=True)]
+    numbers = [j for j, cells in enumerate(columns) if 2 * sum(map(_is_number, cells)) > len(cells)]
+    words = [j for j, cells in enumerate(columns) if 2 * sum(map(_is_word, cells)) > len(cells)]
+    if len(numbers) < 2 or not words or len(table) < LEAST_ROWS:
+        return None
+    first = next(i for i, row in table if any(_is_number(row[j]) for j in numbers))
+
+    def emptied(line: str) -> str:
+        row = split(line)
+        if len(row) != width or not any(_is_number(row[j]) for j in numbers):
+            return line
+        cells = ["-" if j in words else cell for j, cell in enumerate(row)]
+        return (separator or " ").join(
+            f'"{c}"' if separator and separator in c else c for c in cells
+        )
+
+    return [*lines[:first], *map(emptied, lines[first:])]
+
+
+def _is_number(cell: str) -> bool:
+    values = [number_of(cell, mark) for mark in ".,"]
+    return any(value is not None and not math.isnan(value) for value in values)
+
+
+def _is_word(cell: str) -> bool:
+    """Return whether a field is neither empty nor a number nor a unit, and does not begin as a
+    number."""
+    texts = all(number_of(cell, mark) is None for mark in ".,")
+    return texts and not (re.match(r"\s*[-+]?[.,]?\d", cell) or find_unit_key(cell))

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dehyst.daemon.files.foreign.fields import number_of
 from dehyst.daemon.files.foreign.found import Column
 from dehyst.daemon.files.foreign.headings import apart
-from dehyst.daemon.files.foreign.roles import role_of
+from dehyst.daemon.files.foreign.roles import names_signal, role_of
 from dehyst.daemon.files.foreign.stated_step import SAME_STEP, stated_step
 from dehyst.daemon.files.foreign.units import (
     TIME,
@@ -30,15 +30,43 @@ APPLIED = ("scale_factor", "add_offset")
 _FACTOR_IN_WORDS = re.compile(
     r"(?P<of>(?:[^\W\d_]+ ){0,3}?)(?:gain|scal(?:e|ing)(?:[ _-]?factor)?|multiplier|sensitivity"
     r"|conversion(?:[ _]factor)?|calibration(?:[ _]factor)?|factor|faktor|slope|divider|teiler"
-    r"|amplification|verstärkung|attenuation)(?![^\W\d_])",
+    r"|amplification|verstärkung|attenuation)(?![^\W\d_])(?!\W*(?:dat(?:e|um)|due|file|cert|no\b))",
     re.IGNORECASE,
 )
+_N = r"\d+(?:\.\d+)?"
+_VOLTS, _LENGTH = r"[mkuµμ]?V\b", r"(?:[nuµμ]m|microns?)\b"
+_SIGNAL = rf"(?:{_VOLTS}|{_LENGTH})"
+_IS = r"\s*(?:=>?|≙|corresponds? to|equals?|entspr\w+)\s*"
+_LOW = r"(?<![\d.])(?:10|\d)(?:\.\d+)? ?"
+"""Volts of a gauge's output or an amplifier's input; "12 um / 100 V" is the stroke of a stage."""
 _BY = re.compile(
-    r"(?:multipl|divid)\w+ (?:by|with) \d+(?:\.\d+)?|\d+(?:\.\d+)? ?V/V|(?<!\d )\bV/\d+"
-    r"|(?<=[,;:(|] )(?:gain|factor|slope|sensitivity)\b\s*[:=]?\s*\d+(?:\.\d+)?",
+    rf"(?:multipl|divid|scal|amplif|attenuat)\w+ (?:by|with) {_N}(?: ?/ ?{_N})?"
+    rf"|factor of {_N}|(?<!\d )\bV/\d+"
+    r"|(?<=[,;:(|] )(?:gain|factor|slope|sensitivity)\b\s*[:=]?\s*\d+(?:\.\d+)?"
+    rf"|{_N} ?{_VOLTS} ?(?:/|per) ?(?:{_N} ?)?[mk]?V\b"
+    rf"|{_N} ?{_LENGTH} ?(?:/|per) ?(?:{_LOW})?[mk]?V\b"
+    rf"|\b{_SIGNAL} ?(?:/|per) ?[mk]?V\b\s*[:=]?\s*{_N}"
+    rf"|{_N} ?{_VOLTS}{_IS}(?:{_N} ?- ?)?{_N} ?{_VOLTS}"
+    rf"|{_LOW}{_VOLTS}{_IS}(?:{_N} ?- ?)?{_N} ?{_LENGTH}"
+    rf"|{_N} ?{_LENGTH}{_IS}{_LOW}{_VOLTS}"
+    rf"|\A(?:(?:[x×*÷] ?{_N}|{_N} ?[x×])(?:[\s,;]+|\Z))+\Z",
     re.IGNORECASE,
 )
-"""A factor inside a line: "multiply by 10", or "channel 1: Voltage, slope 10, offset 0"."""
+"""A factor inside a line: "multiply by 10", "channel 1: Voltage, slope 10, offset 0", "2 um/V",
+"1 V = 15 V", or a line of factors, "x1,x15"."""
+_OF_SIGNAL = re.compile(
+    rf"(?<![\w.])(?:x{_N}|[×*÷] ?{_N}|{_N} ?x(?! ?\w)|{_N} ?[×*](?! ?\d|[\w*]))(?![\w.])"
+    rf"|(?<=[^\W\d])\s?/ ?{_N}(?![\w./-])(?! {_SIGNAL})"
+    rf"|(?<![\w:.])1 ?: ?\d{{2,}}(?![\w:.])|(?:times|reduced by) {_N}",
+    re.IGNORECASE,
+)
+"""A factor behind the name of the drive, its amplifier or the displacement: "HV amp: 15x"."""
+_NUMBERS = re.compile(r"\d+(?:[.,]\d+)?(?:e[-+]?\d+)?", re.IGNORECASE)
+_REPEATED = re.compile(
+    r"averag|cycl|repe|sampl|decim|zykl|mittel|sweep|runs|pass|loops|ramp|triang|sine|wave|burst|step",
+    re.IGNORECASE,
+)
+"""Words of what is done several times, whose number is no factor."""
 LABEL_FIELDS = ("label", "name", "title", "long_name")
 LONGEST_LABEL = 60
 _LISTS_NAMES = re.compile(
@@ -218,10 +246,14 @@ def factor_in_words(notes: Mapping[str, str]) -> str:
     if none does: "Scale factor,10,2", "HV amplifier gain = 10 V/V", "multiply by 10"."""
     for text in (f"{name} {value}".strip() for name, value in notes.items()):
         stated = _FACTOR_IN_WORDS.match(text)
-        if stated and stated["of"] and not role_of(stated["of"], "")[0]:
+        if stated and stated["of"] and not names_signal(stated["of"]):
             stated = None
-        rest = text[stated.end() :] if stated else "".join(_BY.findall(text)[:1])
-        if any(float(number) != 1.0 for number in re.findall(r"\d+(?:\.\d+)?", rest)):
+        found = _BY.search(text)
+        if not found and not _REPEATED.search(text):
+            behind = _OF_SIGNAL.search(text)
+            found = behind if behind and names_signal(text[: behind.start()]) else None
+        rest = text[stated.end() :] if stated else found[0] if found else ""
+        if any(float(number.replace(",", ".")) != 1.0 for number in _NUMBERS.findall(rest)):
             return text[:60]
     return ""
 

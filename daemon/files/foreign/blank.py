@@ -25,9 +25,16 @@ def refuse_blank(
         )
         blank = [h for h in found.blank if role_of(h, "")[0] == role and _plainness(h, "") > least]
         if blank and role not in reading.columns:
+            text = found.blank[blank[0]][:20]
+            why = (
+                f"(the first field is '{text}'): write each field as a number alone, "
+                "all in one unit and with one decimal mark"
+                if text
+                else ": if its fields are formulas, open the file in the spreadsheet program and "
+                "save it there with their values"
+            )
             raise BadRecording(
-                f"{name}: '{blank[0][:40]}' holds no number: if its fields are formulas, open the "
-                "file in the spreadsheet program and save it there with their values; if another "
+                f"{name}: '{blank[0][:40]}' holds no number{' ' * bool(text)}{why}; if another "
                 f"column is the {NAMES[role]}, add --columns {role}=..."
             )
 

@@ -164,7 +164,8 @@ def _paces_by_name(taken: Sequence[Column], found: Sheet) -> list[tuple[str, tup
     groups = {group_of(column.heading).rstrip("/.") for column in taken} | {""}
     out: list[tuple[str, tuple[float, ...]]] = []
     for key, text in found.notes.items():
-        group, value = group_of(key), number_of(text)
+        group, values = group_of(key), {number_of(part) for part in text.split()}
+        value = values.pop() if len(values) == 1 else None  # one for each channel, perhaps
         name = _PACE.fullmatch(key[len(group) :])
         if name and group.rstrip("/.") in groups and value and 0.0 < value < math.inf:
             step = value if name[1] else 1.0 / value

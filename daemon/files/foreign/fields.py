@@ -17,6 +17,10 @@ GROUPED_APART = re.compile(r"[+-]?[1-9]\d{0,2}(['\u2019 \xa0\u2009\u202f]\d{3})+
 only where something else separates the fields."""
 _PLAIN = re.compile(r"[+-]?\d+(\.\d+)?([eE][+-]?0?\d)?")
 """What most fields hold; with a decimal point it has one meaning, which is found quickly."""
+_SIGN = re.compile("([-+\u2212\u2010\u2011\u2013\ufe63\uff0d]) *(?=[\\d.])")
+"""A sign, also a typographic minus or a dash in its place, which blanks may follow."""
+TRUTHS = {"true": 1.0, "false": 0.0}
+"""As pandas and R write truth values, which a spreadsheet keeps as such."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d*)?)")
 _DURATION = re.compile(r"(\d+(?:[.,]\d*)?) (secs?|m?s|[uµ]s|min|hr)")
 """As MATLAB writes durations."""
@@ -66,6 +70,8 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
         return float(text)
     if is_missing(text):
         return math.nan
+    if text.lower() in TRUTHS:
+        return TRUTHS[text.lower()]
     if decimal == ",":
         text = text.replace(".", "") if GROUPED_BY_POINTS.fullmatch(text) else text
         if "." in text and ":" not in text:
@@ -73,7 +79,7 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
         text = text.replace(",", ".")
     elif GROUPED.fullmatch(text):
         text = text.replace(",", "")
-    text = text.replace("\u2212", "-")  # a typographic minus
+    text = _SIGN.sub(lambda found: "+" if found[1] == "+" else "-", text)
     if _NUMBER.fullmatch(text):
         return float(text.lower().replace("d", "e"))
     if GROUPED_APART.fullmatch(text):

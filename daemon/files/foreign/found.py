@@ -41,8 +41,9 @@ class Given:
 class Sheet:
     """Columns in the file's order; notes: by name; step_s: sampling period that the file states;
     start_s: time of its first row; said: further remarks on the format; where: describes the place
-    of a row in the file; factor: words of its preamble that state one, or ""; blank: headings of
-    the columns that hold no number; of_some: step_s is stated for some of the columns only."""
+    of a row in the file; factor: words of its preamble that state one, or ""; blank: by heading
+    of the columns that hold no number, the first field if it begins as one; of_some: step_s is
+    stated for some of the columns only."""
 
     columns: list[Column]
     notes: dict[str, str] = field(default_factory=dict)
@@ -51,7 +52,7 @@ class Sheet:
     said: list[str] = field(default_factory=list)
     where: Callable[[int], str] = field(default=lambda row: f"row {row + 1}")
     factor: str = ""
-    blank: list[str] = field(default_factory=list)
+    blank: dict[str, str] = field(default_factory=dict)
     of_some: bool = False
 
     def __post_init__(self) -> None:

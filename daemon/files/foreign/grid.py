@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS
+from dehyst.daemon.files.foreign.affixes import unit_behind
 from dehyst.daemon.files.foreign.beside import UNIT_FIELDS, factor_in_words
 from dehyst.daemon.files.foreign.epochs import count_from_first, epoch_unit, is_rising
 from dehyst.daemon.files.foreign.fields import moment_of, number_of
@@ -31,6 +32,7 @@ from dehyst.daemon.files.foreign.runs import (
     NUMBER,
     TEXT,
     find_decimal,
+    keep_note,
     kinds_of,
     length_of,
     score,
@@ -56,7 +58,8 @@ class GridLayout:
     unclear: a field that leaves it open; header: the fields of the line with the headings; form:
     what else is to be said of the form; unit_texts: columns that repeat in each row the unit of the
     numbers to their left; texts: the first field of columns of no numbers that begins as one;
-    aside: columns of a small table at the right of the recording."""
+    aside: columns of a small table at the right of the recording; remarks: texts between
+    the numbers and below them, which may state a unit or a factor as the preamble may."""
 
     first: int
     width: int
@@ -74,6 +77,13 @@ class GridLayout:
     unit_texts: dict[int, str] = field(default_factory=dict)
     texts: dict[int, str] = field(default_factory=dict)
     aside: list[int] = field(default_factory=list)
+    remarks: dict[str, str] = field(default_factory=dict)
+
+    def take_units(self, units: Mapping[int, str]) -> None:
+        """Add the units that the fields of columns repeated to those of the lines above them."""
+        for j, unit in ((j, unit) for j, unit in units.items() if j < self.width):
+            other = self.units[j] if find_unit_key(self.units[j]) != find_unit_key(unit) else ""
+            self.units[j] = f"{other} and {unit}" if other else unit
 
 
 def lay_out(
@@ -99,12 +109,8 @@ def lay_out(
     found.headings, found.units = found.headings + beside, found.units + beside
     notes: dict[str, str] = {}
     left = [(i, without_mark(row)) for i, row in above if i not in found.lines]
-    for i, row in left[:200]:
-        cells = [str(cell).strip() for cell in row if cell is not None]
-        key = cells[0].rstrip(":=").strip()[:60] or f"note{i + 1}"
-        if key in notes:
-            key = f"{key} (line {i + 1})"
-        notes[key] = " ".join(cells[1:])[:200]
+    for i, row in left:
+        keep_note(notes, row, f"line {i + 1}")
     names, step_s = gcs_header(above, width)
     found.headings[: len(names)] = names
     step_s = step_s or found.step_s
@@ -236,7 +242,8 @@ def fill(
         numbers = [number_of(row[j], decimal) if j < size else math.nan for j in kept]
         if all(v is None or math.isnan(v) for v in numbers):
             texts += any(v is None for v in numbers)
-            refuse_other_headings(name, layout, row, where(place))
+            if TEXT in kinds_of(row, decimal):
+                note_text(name, layout, row, where(place))
             continue
         for j, unit in layout.unit_texts.items():
             if j < size and str(row[j]).strip() != unit:
@@ -304,19 +311,26 @@ def sheet_of(
     """Return columns (number -> values) as a sheet, without those in which no number was found."""
     for j in range(layout.width):
         layout.numeric[j] &= j in columns and not bool(layout.late[j] and _is_empty(columns[j]))
+    notes = dict(layout.notes)
+    for key, text in layout.remarks.items():
+        notes[f"{key} (again)" if key in notes else key] = text
     found = Sheet(
         [
             Column(layout.headings[j], values, layout.units[j], clock[j], j)
             for j, values in columns.items()
             if layout.numeric[j]
         ],
-        layout.notes,
+        notes,
         layout.step_s,
         layout.start_s,
         where=where,
-        factor=factor_in_words(layout.notes),
+        factor=factor_in_words(notes),
     )
-    found.blank = [h for h, of in zip(layout.headings, layout.numeric, strict=True) if h and not of]
+    found.blank = {
+        h: layout.texts.get(j, "")
+        for j, (h, of) in enumerate(zip(layout.headings, layout.numeric, strict=True))
+        if h and not of
+    }
     note_form(found, layout, texts)
     return found
 
@@ -325,9 +339,9 @@ def _is_empty(values: Any) -> bool:
     return bool(np.all(np.isnan(values)))
 
 
-def refuse_other_headings(name: str, layout: GridLayout, row: Row, place: str) -> None:
-    """Raise BadRecording if a line of text between the numbers holds headings or units, but not
-    those above the numbers."""
+def note_text(name: str, layout: GridLayout, row: Row, place: str) -> None:
+    """Keep a line of text between the numbers. Raises BadRecording if it holds headings or units,
+    but not those above the numbers."""
     cells = texts_of(without_mark(row))
     if cells in (layout.header, [unit for unit in layout.units if unit]):
         return
@@ -340,6 +354,7 @@ def refuse_other_headings(name: str, layout: GridLayout, row: Row, place: str) -
             f"{name}: {place} holds other headings ({shown}) than the first line of headings: cut "
             "the file there into two"
         )
+    keep_note(layout.remarks, row, place)
 
 
 def note_form(found: Sheet, layout: GridLayout, texts: int) -> None:
@@ -355,7 +370,7 @@ def note_form(found: Sheet, layout: GridLayout, texts: int) -> None:
         and j not in (*layout.unit_texts, *layout.aside)
         and not (layout.late[j] and layout.headings[j].lower() in AT_THE_RIGHT)
     ]
-    if left and any(layout.headings):
+    if left and (any(layout.headings) or any(map(unit_behind, layout.texts.values()))):
         found.said.append(f"without numbers and left out: {', '.join(left[:5])}")
     if layout.aside:
         aside = ", ".join(f"column {j}" for j in layout.aside)

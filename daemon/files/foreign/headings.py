@@ -20,8 +20,8 @@ _LABELS = {
 }  # fmt: skip
 """What programs write in front of a line of names or units."""
 _ANNOUNCED = re.compile(
-    r"(?:columns?|(?:column )?names?|units?|fields?|channels?|headers?|headings?|labels?)\s*[:=]\s*"
-    r"(?=[^\W\d])",
+    r"\A(?:columns?|(?:column )?names?|units?|fields?|channels?|headers?|headings?|labels?)"
+    r"\s*[:=]\s*(?=[^\W\d])",
     re.IGNORECASE,
 )
 """What announces names or units in a comment: "# columns: t, u, y"."""
@@ -194,13 +194,16 @@ def _aligned(row: Row, numbers: Numbers) -> list[str]:
 
 
 def _of_blanks(forms: Sequence[Sequence[str]], numbers: Numbers) -> list[str]:
-    """Return the one way to read a line that has as many names as there are columns, [] if there is
-    none, or several."""
-    for size in [numbers.width] + [numbers.width - 1] * numbers.counts:
+    """Return the one way to read a line that has as many names as there are columns, of which the
+    last may hold words, [] if there is none, or several of which as many name a role."""
+    of_words = range(numbers.width + 1, numbers.most + 1)
+    for size in [numbers.width, *[numbers.width - 1] * numbers.counts, *of_words]:
         fitting = [cells for cells in forms if len(cells) == size]
+        most = max(map(_known, fitting), default=0)
+        fitting = [cells for cells in fitting if _known(cells) == most]
         if fitting:
             alike = all(cells == fitting[0] for cells in fitting)
-            return [""] * (numbers.width - size) + list(fitting[0]) if alike else []
+            return [""] * max(0, numbers.width - size) + list(fitting[0]) if alike else []
     return []
 
 
@@ -214,6 +217,8 @@ def ways_to_split(line: str) -> list[list[str]]:
     if len(forms[-1]) == 1:
         plain = line.split()
         forms.append(plain if all(map(_BRACKETED.fullmatch, plain)) else _BLANKS.split(line))
+    of_labels = [{cell.endswith(":") for cell in cells} for cells in forms]  # "X axis unit: s"
+    forms = [cells for cells, ends in zip(forms, of_labels, strict=True) if len(ends) == 1]
     return [[cell.rstrip(",; ") for cell in cells] for cells in forms]
 
 

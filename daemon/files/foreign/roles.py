@@ -56,6 +56,8 @@ _DRIVE = {
     "command", "control", "vin", "uin", "vout", "uout", "actuator", "amplifier", "eingang",
     "stimulus", "generator", "awg",
 }  # fmt: skip
+_DRIVES = {"u", "drive", "hv", "vin", "uin", "vout", "uout"}
+"""Words of a drive that are not those of a controller, whose set points are displacements."""
 _MEASURES = {
     "charge", "photodiode", "lock", "lockin", "measuring", "transimpedance", "bridge", "preamp",
     "preamplifier", "messverstärker",
@@ -147,7 +149,8 @@ def role_of(heading: str, unit: str) -> tuple[str, int]:
     if driven and voltage:  # "Control Voltage of OutputSignal1", as PI's controllers name it
         words = words - _OUT
     sensed = bool(words & _DISPLACEMENT - ({"y"} if driven or voltage else set()))  # axis y
-    if words & _TARGET and kind in (LENGTH, ANGLE, ""):
+    of_drive = not kind and words & (_VOLTAGE | _DRIVES)  # "pzt_drive_setpoint", in volts
+    if words & _TARGET and kind in (LENGTH, ANGLE, "") and not of_drive:
         return "target", BY_WORD
     if (words & _TIME and kind in (TIME, "")) or {"x", "value"} <= words or {"x", "axis"} <= words:
         return "t", BY_WORD
@@ -181,7 +184,15 @@ def says_neither(heading: str, unit: str) -> bool:
 def says_role(heading: str, role: str) -> bool:
     """Return whether a word of a heading names the drive or the displacement, whatever its unit."""
     words = _words(heading)
-    return not words & _NEITHER and bool(words & (_DRIVE if role == "u" else _DISPLACEMENT))
+    return not words & _NEITHER and bool(
+        words & (_DRIVE | _VOLTAGE if role == "u" else _DISPLACEMENT)
+    )
+
+
+def names_signal(text: str) -> bool:
+    """Return whether a word of a text names the drive, its amplifier or the displacement."""
+    words = set(re.findall(r"[^\W\d_]+", text.lower()))
+    return bool(words & (_DRIVE | _VOLTAGE | _DISPLACEMENT | {"amp", "piezo"}) - {"v"})
 
 
 def daq_side(heading: str, unit: str) -> str:

@@ -7,11 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from dehyst.daemon.files.foreign.fields import GROUPED, GROUPED_BY_POINTS, number_of
-from dehyst.daemon.files.foreign.headings import Row
+from dehyst.daemon.files.foreign.headings import Row, without_mark
 
 NUMBER, MISSING, TEXT = 1, 0, -1
 MOST_BELOW = 60
 """Lines at the end of a file among which sums and notes are looked for."""
+_OF_LINE = re.compile(r"slope|intercept|r ?(?:2|²|squared)|steigung|achsenabschnitt", re.I)
+"""What the first field says below the numbers of a straight line that was fitted to them."""
+MOST_NOTES = 200
+"""Lines of text that are kept."""
 _SUM = re.compile(
     r"(?:(?:grand|sub) ?total|totals?|sum|means?|avg|averages?|arithmetic mean|median|min|max"
     r"|minimum|maximum|st(?:andar)?d ?dev(?:iation)?|st ?dev|std|sd|sigma|variance|var|rms|range"
@@ -76,6 +80,24 @@ def note_below(rows: Sequence[Row], place: str) -> str:
     what = "sums or means" if any(map(is_sum, lines)) else "notes"
     first = str(_first_of(lines[0])).strip()
     return f"{count} of {what} below the numbers left out, the first ({first[:20]!r}) in {place}"
+
+
+def keep_note(notes: dict[str, str], row: Row, place: str) -> None:
+    """Add a line of text to the notes, under its first field, unless there are many already."""
+    cells = [str(cell).strip() for cell in without_mark(row) if cell is not None]
+    if not any(cells) or len(notes) >= MOST_NOTES:
+        return
+    key = cells[0].rstrip(":=").strip()[:60] or f"note of {place}"
+    notes[f"{key} ({place})" if key in notes else key] = " ".join(cells[1:])[:200]
+
+
+def notes_in(rows: Sequence[Row]) -> dict[str, str]:
+    """Return the notes in rows below the numbers, without what was calculated from these."""
+    notes: dict[str, str] = {}
+    for k, row in enumerate(rows):
+        if length_of(row) and not (is_sum(row) or _OF_LINE.match(str(_first_of(row)).strip())):
+            keep_note(notes, row, f"below, {k + 1}")
+    return notes
 
 
 def _first_of(row: Row) -> Any:

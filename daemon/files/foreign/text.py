@@ -4,7 +4,7 @@ import csv
 import gzip
 import re
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -20,7 +20,7 @@ from dehyst.daemon.files.csv_table import (
     TRUSTED_BYTES,
     is_missing,
 )
-from dehyst.daemon.files.foreign.affixes import bare_numbers
+from dehyst.daemon.files.foreign.affixes import bare_numbers, without_units, without_words
 from dehyst.daemon.files.foreign.encoding import decode_text
 from dehyst.daemon.files.foreign.fields import GROUPED_APART
 from dehyst.daemon.files.foreign.found import Sheet
@@ -30,7 +30,7 @@ from dehyst.daemon.files.foreign.grid import (
     GridLayout,
     fill,
     lay_out,
-    refuse_other_headings,
+    note_text,
     sheet_of,
 )
 from dehyst.daemon.files.foreign.headings import ways_to_split
@@ -44,6 +44,7 @@ from dehyst.daemon.files.foreign.runs import (
     find_decimal,
     kinds_of,
     note_below,
+    notes_in,
     rows_below,
     score,
 )
@@ -52,6 +53,7 @@ from dehyst.daemon.printable import printable
 from dehyst.models.errors import BadRecording
 
 MOST_TEXT = 256 << 20
+NO_UNITS: Mapping[int, str] = {}
 HEAD, MOST_BROKEN = 100, 12
 """Lines in which headings are looked for that quotes break into several, and the most of them."""
 SEPARATORS = (
@@ -101,10 +103,15 @@ def ends_in_other_rows(path: Path) -> bool:
 
 
 def understand_text(
-    name: str, text: str, above: int = 0, separator: str | None = None, decimal: str = ""
+    name: str,
+    text: str,
+    above: int = 0,
+    separator: str | None = None,
+    decimal: str = "",
+    units: Mapping[int, str] = NO_UNITS,
 ) -> Sheet:
     """Return the columns of a text in memory. above: lines of the file above it; separator,
-    decimal: as the file states them."""
+    decimal: as the file states them; units: by column, as its fields repeated them."""
     text = text.removesuffix(END_OF_FILE).replace("\ufeff", "")  # files joined with their marks
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     _join_quoted(lines)
@@ -133,15 +140,12 @@ def understand_text(
         gain = max(score(rows, decimal)[0] for decimal in (".", ","))
         if gain > best[0] and not (best[1] == "\t" and not one and _only_groups(best_rows)):
             best, best_rows = (gain, one, word), rows
+    if not best[0]:
+        return _understand_words(name, lines, places, above, separator, decimal)
+    bare = without_units(lines, places, splitter(best[1]), best[1])
+    if bare is not None:
+        return understand_text(name, "\n".join(bare[0]), above, best[1], decimal, bare[1])
     gain, separator, word = best
-    if not gain:
-        if (bare := bare_numbers(lines, places)) is not None:
-            return understand_text(name, "\n".join(bare), above - 2)
-        shown = places[len(places) // 2]
-        raise BadRecording(
-            f"{name}: holds no rows of numbers separated by commas, semicolons, tabs or blanks; "
-            f"line {above + shown + 1} is {printable(lines[shown].strip()[:60])!r}"
-        )
     split = splitter(separator)
     rows = [split(line) for line in sample]
     rest = lines[places[-1] + 1 :] if separator != "," else []
@@ -149,11 +153,13 @@ def understand_text(
     unclear = ""
     if decimal not in (".", ",") or not score(rows, decimal)[0]:
         decimal, unclear = find_decimal(rows + later, habit="," if separator == ";" else "")
-    if left := _cut_rows_below(lines, split, decimal, above):
+    left, below = _cut_rows_below(lines, split, decimal, above)
+    if left:
         rows, cut = rows[: sum(place < len(lines) for place in places)], 0
     names = partial(_ways_to_name, sample, separator)
     layout = lay_out(name, rows, decimal, names)
-    layout.unclear = unclear
+    layout.unclear, layout.remarks = unclear, below
+    layout.take_units(units)
     layout.form = [f"separated by {word}"] if separator != "," else []
     _refuse_two_commas(name, layout, rows, separator)
     first = places[layout.first]
@@ -178,15 +184,43 @@ def understand_text(
     return found
 
 
+def _understand_words(
+    name: str,
+    lines: Sequence[str],
+    places: Sequence[int],
+    above: int,
+    separator: str | None,
+    decimal: str,
+) -> Sheet:
+    """Return the columns of a text whose fields are not numbers alone, or more often words. Raises
+    BadRecording if it is no table at all."""
+    if (bare := bare_numbers(lines, places)) is not None:
+        return understand_text(name, "\n".join(bare), above - 2)
+    for one, _ in SEPARATORS:
+        if separator in (None, one):
+            plain = without_units(lines, places, splitter(one), one)
+            if plain is not None:
+                return understand_text(name, "\n".join(plain[0]), above, one, decimal, plain[1])
+            emptied = without_words(lines, places, splitter(one), one)
+            if emptied is not None:
+                return understand_text(name, "\n".join(emptied), above, one, decimal)
+    shown = places[len(places) // 2]
+    raise BadRecording(
+        f"{name}: holds no rows of numbers separated by commas, semicolons, tabs or blanks; "
+        f"line {above + shown + 1} is {printable(lines[shown].strip()[:60])!r}"
+    )
+
+
 def _cut_rows_below(
     lines: list[str], split: Callable[[str], list[str]], decimal: str, above: int
-) -> str:
-    """Remove sums and notes below the numbers. Return a remark on them, "" if there are none."""
+) -> tuple[str, dict[str, str]]:
+    """Remove sums and notes below the numbers. Return (a remark on them, "" if there are none; the
+    notes)."""
     last = [split(line) for line in lines[-MOST_BELOW:]]
     if not (below := rows_below(last, decimal)):
-        return ""
+        return "", {}
     del lines[-below:]
-    return note_below(last[-below:], f"line {above + len(lines) + 1}")
+    return note_below(last[-below:], f"line {above + len(lines) + 1}"), notes_in(last[-below:])
 
 
 def _join_quoted(lines: list[str]) -> None:
@@ -277,11 +311,12 @@ def _without_notes(
         if len(row) > layout.width and " #" in lines[i].strip():  # a remark behind the numbers
             row = split(lines[i].strip().partition(" #")[0])
         if lines[i].lstrip()[:1] in ("#", "%", "!") and not is_missing(row[0].strip()):
-            refuse_other_headings(name, layout, row, f"line {above + i + 1}")
             refuse_next_variable(name, lines[i], f"line {above + i + 1}")
             cells = split(lines[i].lstrip("#%! \t"))
             if len(cells) > 1 and kinds_of(cells, layout.decimal).count(NUMBER) == len(cells):
                 marked.append(i)
+            else:
+                note_text(name, layout, row, f"line {above + i + 1}")
         else:
             yield i, row
 

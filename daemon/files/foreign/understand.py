@@ -198,7 +198,8 @@ def _take_time(
         unit = "s"
     if not reading.time_unit and not column.clock and (stated := _stated(column)):
         is_factor = is_other_unit(stated) and states_factor(stated)
-        what = "is not applied" if is_factor else "is not a known unit of time"
+        doubt = "may be a label" if find_unit_key(stated) else "is not a known unit of time"
+        what = "is not applied" if is_factor else doubt
         draft.asked.append(
             f"{label} states '{stated[:40]}', which {what}: add --time-unit s, ms or us, or "
             "--rate HZ"

@@ -130,12 +130,16 @@ _OTHER_SCRIPTS = {
     "마이크로미터": "um", "나노미터": "nm", "sn": "s",
 }  # fmt: skip
 _BRACKETS = re.compile(r"[\[({<]([^\[\](){}<>]*)(?:[\])}>]|$)")
-_FACTOR = re.compile(r"[x×*·/÷^:]\s*\d|\d\s*[x×*·/÷^]|\de[+-]?\d|[.,]\d|^div.*\d", re.IGNORECASE)
+_FACTOR = re.compile(
+    r"[x×*·/÷^:]\s*\d|\d\s*[x×*·/÷^]|\de[+-]?\d|[.,]\d|^(?:div|gain|factor).*\d", re.IGNORECASE
+)
 _FACTOR_OF_NAME = re.compile(
     r"/\s*\d+(?:[.,]\d+)?(?=\s*(?:[\[({_]|[^\W\d_]{1,3}$|$))"  # U/10 V, HV/15 [V]
     r"|(?<=\w)\s*[*×÷·]\s*\d+(?:[.,]\d+)?|^\d+(?:[.,]\d+)?\s*[*×·]\s*(?=\w)"  # 10*U
     r"|(?<=[^\W_])[\s_]+x\s?\d{2,}(?!\w)|(?<!\w)1\s?:\s?\d{2,}(?!\w)"  # Monitor x15, 1:15
-    r"|(?<![^\W_])div(?:ided)?(?:[\s_]by)?[\s_]?\d+(?![^\W_])",  # U_div10_V
+    r"|(?<![^\W_])div(?:ided)?(?:[\s_]by)?[\s_]?\d+(?![^\W_])"  # U_div10_V
+    r"|(?<=[^\W_])[\s_]+\d{2,}[x×](?![^\W_])"  # Drive 15x (V)
+    r"|(?<![^\W_])(?:gain|factor)[\s_:=]*\d+(?:[.,]\d+)?(?![^\W_])",  # Drive (V) gain 15
     re.IGNORECASE,
 )
 """A factor that stands with the name of a column. One digit behind an x names an axis, and a number

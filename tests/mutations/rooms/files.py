@@ -719,7 +719,7 @@ CHANGES += room(
         "a file of Fortran cannot be read",
     ),
     Change(
-        "typographic-minus", FIELDS, 'text.replace("\\u2212", "-")', "text",
+        "typographic-minus", FIELDS, "[-+\\u2212", "[-+",
         "negative numbers of a word processor make a file unreadable",
     ),
     Change(
@@ -821,7 +821,8 @@ CHANGES += room(
         "'# fs = 200 Hz' is not the rate of the rows",
     ),
     Change(
-        "second-line-of-a-preamble-lost", GRID, "        if key in notes:\n", "        if False:\n",
+        "second-line-of-a-preamble-lost", f"{FOREIGN}/runs.py",
+        " if key in notes else key]", " if False else key]",
         "of two comments that begin alike the first is lost, and with it the unit in it",
     ),
 )  # fmt: skip
@@ -1054,5 +1055,152 @@ CHANGES += room(
         "unit-of-a-signal-on-its-times", f"{FOREIGN}/beside.py",
         'if role_of(heading[len(group_of(heading)) :], "")[0] == "t":', "if False:",
         "the times of a MATLAB timeseries are volts",
+    ),
+)  # fmt: skip
+
+EXPORTS = "tests/daemon/files/test_lab_exports_more.py"
+CHANGES += room(
+    (EXPORTS,),
+    Change(
+        "remarks-between-numbers-lost", GRID, "keep_note(layout.remarks, row, place)", "pass",
+        "a gain or a unit that stands below the numbers is passed over",
+    ),
+    Change(
+        "notes-below-a-sheet-lost", LIBRARIES, "layout.remarks = notes", "pass",
+        "a gain below the numbers of a spreadsheet is passed over",
+    ),
+    Change(
+        "factor-in-own-words-lost", f"{FOREIGN}/beside.py",
+        "if not found and not _REPEATED.search(text):", "if False:",
+        "the input of an amplifier of 15 is read as its output",
+    ),
+    Change(
+        "stroke-is-a-factor", f"{FOREIGN}/beside.py", r"(?:10|\d)(?:\.\d+)? ?", r"\d+(?:\.\d+)? ?",
+        "a file that states the stroke of its stage is refused",
+    ),
+    Change(
+        "factor-before-the-name", f"{FOREIGN}/beside.py",
+        "names_signal(text[: behind.start()])", "names_signal(text)",
+        "a file that states the microscope's objective is refused",
+    ),
+    Change(
+        "line-of-factors-is-a-note", f"{FOREIGN}/beside.py",
+        "(?:[\\s,;]+|\\Z))+\\Z", "(?:[\\s,;]+|\\Z))+(?!)",
+        "factors between the names and the numbers are passed over",
+    ),
+    Change(
+        "repetitions-are-factors", f"{FOREIGN}/beside.py", " and not _REPEATED.search(text):", ":",
+        "each file that says how often it was averaged is asked about",
+    ),
+    Change(
+        "gain-in-a-heading-lost", f"{FOREIGN}/units.py", "(?:gain|factor)[", "(?!)[",
+        "a gain of 15 in a heading is passed over",
+    ),
+    Change(
+        "table-of-words-refused", TEXT, "                if emptied is not None:".strip(),
+        "if False:", "a table with a status beside each channel holds no numbers",
+    ),
+    Change(
+        "set-point-of-drive-is-target", f"{FOREIGN}/roles.py",
+        'and kind in (LENGTH, ANGLE, "") and not of_drive:', 'and kind in (LENGTH, ANGLE, ""):',
+        "volts are read as the wanted displacement",
+    ),
+    Change(
+        "length-advised-as-drive", f"{FOREIGN}/choice/advice.py",
+        'if role == "y" else (VOLTAGE,))', 'if role == "y" else (LENGTH,))',
+        "the advised drive is a commanded position",
+    ),
+    Change(
+        "fields-called-formulas", f"{FOREIGN}/blank.py",
+        "text = found.blank[blank[0]][:20]", 'text = ""',
+        "who wrote a unit into each field is told to look for formulas",
+    ),
+    Change(
+        "marks-are-words", TABLE, 'not lower.strip("*-+._?")', 'not lower.strip("*")',
+        "what a display shows for no value refuses the file",
+    ),
+    Change(
+        "dash-is-no-sign", f"{FOREIGN}/fields.py", "\\u2010\\u2011\\u2013", "\\u2011",
+        "numbers with a dash as their sign refuse the file",
+    ),
+    Change(
+        "invalid-rows-unsaid", ALSO, "[*found.said, *note_marked(found.columns)]", "found.said",
+        "rows that the file calls invalid are taken without a word",
+    ),
+    Change(
+        "samples-are-columns", f"{FOREIGN}/choice/choose.py",
+        "if len(columns) > SAMPLES_OF * rows:", "if False:",
+        "a file that is to be transposed is asked which of its samples is the drive",
+    ),
+    Change(
+        "labels-name-columns", HEADINGS, "if len(ends) == 1]", "if ends]",
+        "a label with its value names three columns",
+    ),
+    Change(
+        "name-over-words-not-counted", HEADINGS, "numbers.counts, *of_words]:", "numbers.counts]:",
+        "a word behind the last number takes the names away",
+    ),
+    Change(
+        "known-unit-called-unknown", UNDERSTAND,
+        '"may be a label" if find_unit_key(stated) else "is not a known unit of time"',
+        '"is not a known unit of time"',
+        "ms is said to be no known unit of time",
+    ),
+    Change(
+        "exponent-is-a-factor", f"{FOREIGN}/beside.py", "(?:e[-+]?\\d+)?", "",
+        "a gain of 1.0E+00 is asked about",
+    ),
+    Change(
+        "percent-not-advised", f"{FOREIGN}/roles.py", '_DRIVE | _VOLTAGE if role == "u"',
+        '_DRIVE if role == "u"', "a voltage in percent is asked for without its name",
+    ),
+    Change(
+        "rates-of-channels-are-thousands", f"{FOREIGN}/counted.py",
+        "{number_of(part) for part in text.split()}", "{number_of(text)}",
+        "one rate of 500 Hz for each of two channels is 500500 Hz",
+    ),
+    Change(
+        "wrapped-displacement-unsaid", ALSO,
+        "if wrapped := note_wrapped(loaded.columns):", 'if wrapped := "":',
+        "a counter that overflows is taken for a stage that jumps",
+    ),
+    Change(
+        "friction-is-wrapped", f"{FOREIGN}/no_value.py", "if not np.all(on & still):",
+        "if not np.all(still):", "a loop of friction is to be unwrapped",
+    ),
+    Change(
+        "truth-values-left-out", f"{FOREIGN}/fields.py", "if text.lower() in TRUTHS:", "if False:",
+        "rows that pandas marks as invalid are taken without a word",
+    ),
+    Change(
+        "truth-values-refused", ALSO, "all(numbers) and not truths", "all(numbers)",
+        "a recording with a column of truth values is refused",
+    ),
+    Change(
+        "units-in-fields-lost", GRID, 'f"{other} and {unit}" if other else unit', "other",
+        "drive of millivolts in each field is read as volts",
+    ),
+    Change(
+        "several-units-in-a-column", f"{FOREIGN}/affixes.py",
+        'or set(of) - {"", unit}:', "or False:",
+        "a column in several units is refused by the line of one, not as a whole",
+    ),
+    Change(
+        "unit-names-a-signal", f"{FOREIGN}/roles.py", '{"amp", "piezo"}) - {"v"})',
+        '{"amp", "piezo"}))', "an attenuator in the settings of a device is asked about",
+    ),
+    Change(
+        "names-with-commas-are-unclear", HEADINGS,
+        "most = max(map(_known, fitting), default=0)", "most = 0",
+        "names that hold commas are not found between blanks",
+    ),
+    Change(
+        "fitted-slope-is-a-factor", f"{FOREIGN}/runs.py",
+        "or _OF_LINE.match(str(_first_of(row)).strip())", "",
+        "a slope that a spreadsheet calculated is asked about",
+    ),
+    Change(
+        "factor-below-yields", GRID, 'notes[f"{key} (again)" if key in notes else key] = text',
+        "notes.setdefault(key, text)", "a gain of 1 above the numbers hides one of 15 below",
     ),
 )  # fmt: skip

@@ -453,6 +453,13 @@ CHANGES = [
             "return text",
             "a Python program is advised to add --force",
         ),
+        Change(
+            "and-is-a-unit",
+            "daemon/option_words.py",
+            r"\ (?!and\b)(?P<choices>",
+            r"\ (?P<choices>",
+            'a Python program is advised to add drive_unit="and" unit',
+        ),
     ),
     *room(
         ("tests/daemon/test_ends.py",),

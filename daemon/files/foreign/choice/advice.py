@@ -17,7 +17,7 @@ from dehyst.daemon.files.foreign.roles import (
     says_role,
     shows_another,
 )
-from dehyst.daemon.files.foreign.units import ANGLE, LENGTH, find_unit_key, split_heading
+from dehyst.daemon.files.foreign.units import ANGLE, LENGTH, VOLTAGE, find_unit_key, split_heading
 
 
 def describe_column(column: Column) -> str:
@@ -46,15 +46,16 @@ def most_like(
     columns: Sequence[Column], of: Sequence[int], role: str, others: Mapping[str, int]
 ) -> int:
     """Return the candidate to advise: the one of the same axis or number as the other column of
-    drive and displacement, a length for the displacement, what was measured."""
+    drive and displacement, a voltage for the drive and a length for the displacement, what was
+    measured."""
     other = others.get("y" if role == "u" else "u")
     beside = _marks(columns[other].heading) if other is not None else set()
 
     def fits(i: int) -> tuple[int, bool, bool, bool]:
         heading = columns[i].heading
         kind = kind_of(heading, find_unit_key(columns[i].unit))
-        moves = role == "y" and kind in (LENGTH, ANGLE)
-        return len(_marks(heading) & beside), moves, is_real(heading), not shows_another(heading)
+        usual = kind in ((LENGTH, ANGLE) if role == "y" else (VOLTAGE,))
+        return len(_marks(heading) & beside), usual, is_real(heading), not shows_another(heading)
 
     return max(of, key=fits)
 

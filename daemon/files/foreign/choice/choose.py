@@ -24,6 +24,7 @@ from dehyst.daemon.files.foreign.epochs import (
     same_time,
 )
 from dehyst.daemon.files.foreign.found import Column, Draft
+from dehyst.daemon.files.foreign.grid import TURNED
 from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import (
     BY_UNIT,
@@ -35,6 +36,9 @@ from dehyst.daemon.files.foreign.roles import (
 )
 from dehyst.daemon.files.foreign.units import UNITS, find_unit_key, split_heading
 from dehyst.models.errors import BadRecording
+
+SAMPLES_OF = 8
+"""Where a row holds more numbers than this for each row of the file, these are samples."""
 
 
 def choose_columns(
@@ -53,6 +57,7 @@ def choose_columns(
         raise BadRecording(f"{name}: --columns names a column twice")
     free = [i for i in range(len(columns)) if i not in chosen.values()]
     if free and not any(columns[i].heading or columns[i].unit or columns[i].clock for i in free):
+        _refuse_turned(name, columns)
         ask_by_number(columns, free, chosen, reading, wants, asked)
         return chosen
     roles = roles_together(columns, free, "y" in chosen)
@@ -130,6 +135,13 @@ def choose_columns(
     asked += which
     _refuse_missing_roles(name, columns, chosen, several, reading)
     return chosen
+
+
+def _refuse_turned(name: str, columns: Sequence[Column]) -> None:
+    """Raise BadRecording if the columns are so many and so short that they are samples."""
+    rows = len(columns[0].values)
+    if len(columns) > SAMPLES_OF * rows:
+        raise BadRecording(f"{name}: it holds {rows} rows of {len(columns)} numbers each{TURNED}")
 
 
 def _offer(

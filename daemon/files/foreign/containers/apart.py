@@ -137,7 +137,7 @@ def main(source: str, target: str) -> None:
         "start_s": found.start_s,
         "factor": text_of(found.factor),
         "said": [text_of(text) for text in found.said],
-        "blank": [text_of(text) for text in found.blank],
+        "blank": {text_of(heading): text_of(text) for heading, text in found.blank.items()},
     }
     arrays = {f"c{i}": c.values for i, c in enumerate(found.columns)}
     np.savez(target, head=np.array(json.dumps(head)), **arrays)

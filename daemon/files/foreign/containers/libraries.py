@@ -28,7 +28,7 @@ from dehyst.daemon.files.foreign.containers.attributes import (
 )
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet, text_of
 from dehyst.daemon.files.foreign.grid import LOOKED_AT, TURNED, fill, lay_out
-from dehyst.daemon.files.foreign.runs import note_below, rows_below
+from dehyst.daemon.files.foreign.runs import note_below, notes_in, rows_below
 from dehyst.daemon.files.foreign.text import understand_text
 from dehyst.models.errors import BadRecording
 
@@ -185,8 +185,9 @@ def read_xlsx(path: Path) -> Sheet:
         if not looked:
             continue
         begins = next(i for i, row in enumerate(rows) if row is looked[0])
-        left = ""
+        left, notes = "", dict[str, str]()
         if size := rows_below(rows, "."):
+            notes = notes_in(rows[-size:])
             left = note_below(rows[-size:], f"row {len(rows) - size + 1}")
             del rows[-size:]
             looked = [row for row in rows if any(cell is not None for cell in row)][:LOOKED_AT]
@@ -195,6 +196,7 @@ def read_xlsx(path: Path) -> Sheet:
                 sheets.append((sheet.title, understand_text(sheet.title, _lines_in(rows))))
                 continue
             layout = lay_out(sheet.title, looked, ".")
+            layout.remarks = notes
         except BadRecording as error:
             unread.append(error)
             continue
@@ -234,7 +236,7 @@ def read_xlsx(path: Path) -> Sheet:
         found.said += below
         for title, one in sheets:
             found.notes |= {f"{title}/{key}": text for key, text in one.notes.items()}
-            found.blank += [f"{title}/{heading}" for heading in one.blank]
+            found.blank |= {f"{title}/{heading}": text for heading, text in one.blank.items()}
             found.factor = found.factor or one.factor
     found.said += [f"sheet left out: {str(error)[:200]}" for error in refused]
     found.where = lambda row: f"row {row + 1}"
