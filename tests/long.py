@@ -428,7 +428,12 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_an_interrupt_says_what_the_stage_does_now[words1",
         ),
         "daemon/test_examples.py": ("test_example_runs[arguments1", "test_example_runs[arguments2"),
-        "daemon/page/test_browser.py": ("test_on_a_telephone", "test_accepting_asks"),
+        "daemon/page/test_browser.py": (
+            "test_on_a_telephone",
+            "test_accepting_asks",
+            "test_a_zoom_asks",
+            "test_steps_end_at",
+        ),
         "daemon/page/test_strangers.py": (
             "test_guesses_are_slow_whichever_way_and_nobody_else_waits[by_token]",
         ),
@@ -468,6 +473,25 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_a_quick_drive_next_to_a_mode",
             "test_a_model_that_the_recordings_do_not_determine",
         ),
+        "daemon/api/test_functions.py": (
+            "test_a_result_replaces_no",
+            "test_a_model_in_another_length",
+        ),
+        "daemon/commands/test_diagnose.py": ("test_console_gives_the_same",),
+        "daemon/terminal/test_dumb.py": ("test_a_terminal_that_cannot_redraw_gets_lines[dumb]",),
+        "daemon/commands/test_remote.py": ("test_play_refuses_what",),
+        "daemon/bus/test_router.py": (
+            "test_a_router_that_asks_for_credentials_enforces_the_roles[passwords]",
+        ),
+        "daemon/gcs/test_pipython.py": ("test_a_stop_ends_a_wave",),
+        "daemon/client/test_positioner.py": ("test_bluesky_runs",),
+        "daemon/commands/test_latency.py": (
+            "test_measures_the_loop_and_says_so_in_json[compiled]",
+        ),
+        "benchmarks/test_late_wakeups.py": ("test_a_witness_that_is_stopped",),
+        "drivers/kpc101/test_driver.py": ("test_a_late_position_of_one_bay",),
+        "daemon/test_kernel_cache.py": ("test_a_planted_entry_is_not_loaded[owner]",),
+        "daemon/page/test_server.py": ("test_over_tls",),
     },
     "a diagnosis of a further effect, stage or seed": {
         "models/identify/test_own_starts.py": (
@@ -478,6 +502,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_a_recording_that_does_not_belong_is_named_and_the_others_are_used"
             "[of_a_gauge_that_is_off-0",
             "test_readings_after_an_edge_that_the_stage_follows_late_are_not_lone[0.0",
+            "test_the_peaks_of_a_mode",
         ),
         "models/identify/test_outside.py": (
             "test_a_slow_scan_with_a_fast_wiggle_is_no_drift[4.0]",
@@ -485,6 +510,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_pure_noise_is_no_butterfly[1.0]",
             "test_the_rests_of_a_staircase_show_a_lag_of_any_length[0.0",
             "test_a_drift_beside_a_drive_of_one_period",
+            "test_a_lag_beside_a_drift_and_several",
         ),
         "models/identify/test_intervals.py": (
             "test_95_of_100_intervals_hold_the_true_value[white]",
@@ -497,6 +523,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_a_drive_held_after",
             "test_a_shape_beside_an_effect",
             "test_coupling_through_a_lag[0.012]",
+            "test_nothing_is_explained_by_a_shape",
         ),
         "models/diagnosis/test_data_first.py": (
             "test_the_recording_that_alone_shows",
@@ -511,6 +538,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_slow_sampling",
             "test_with_little_noise_what_the_base_leaves_is_no_physics[foreign",
             "test_a_limit_holds_when_the_effect_is_put_in",
+            "test_one_waveform_gives_no_model",
         ),
         "models/diagnosis/test_names.py": (
             "test_interval_holds_the_truth",
@@ -532,6 +560,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_hum_in_a_servo",
             "test_what_is_left_in_rows_left_out",
             "test_rows_without_a_channel",
+            "test_a_mode_is_written_where_it_is_seen_at_more_than_one_periods_harmonics[periods1]",
         ),
         "models/diagnosis/test_rests.py": (
             "test_a_mode_that_rings_after_steps_alone_is_named[350.0-random",
@@ -539,6 +568,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_a_mode_beside_a_quiet_recording",
             "test_the_written_model_predicts_other_steps_and_a_sine[1]",
             "test_a_mode_that_rings_after_steps_alone_is_named[110.0",
+            "test_the_written_model_predicts_other_steps_and_a_sine[0]",
         ),
         "models/diagnosis/test_rate.py": (
             "test_loops_that_widen",
@@ -550,15 +580,18 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_a_delay_on_a_stage_of_the_models_class",
             "test_the_given_model_is_what",
             "test_what_the_base_explains",
+            "test_a_model_with_other_numbers",
         ),
         "models/diagnosis/test_between.py": (
             "test_a_shape_that_ten_places",
             "test_one_recording_of_ten_places",
             "test_a_delay_is_reported",
+            "test_creep_is_reported",
         ),
         "models/diagnosis/test_real.py": (
             "test_coupling_through_several_modes",
             "test_coupling_through_a_mode",
+            "test_readings_a_row_early",
         ),
         "replay/test_diagnose_real.py": (
             "test_the_written_model_follows",
@@ -573,6 +606,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_what_two_recordings_do_not",
             "test_a_quiet_stage",
             "test_a_delay_by_part_of_a_sample",
+            "test_the_shape_of_one_waveform",
         ),
         "daemon/benchmark/test_bench.py": ("",),
         "daemon/imaging/test_image.py": ("",),
@@ -600,6 +634,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
             "test_one_drive_shows_what_it_is_and_predicts_another[lag-raster]",
             "test_how_the_input_of_a_lag_moves_between_samples_is_found[raster",
             "test_one_drive_shows_what_it_is_and_predicts_another[delay",
+            "test_one_drive_shows_what_it_is_and_predicts_another[lag-sweep",
         ),
         "models/identify/test_rate.py": (
             "test_weights_that_depend_on_the_rate_are_not_taken_for_a_lag_about_a_bias[9901]",
@@ -640,13 +675,19 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
         "models/identify/test_what_is_shown.py": (
             "test_a_stop_is_remarked[up]",
             "test_creep_in_slow_loops_of_one_rate_is_no_lag[0.04]",
+            "test_a_lag_from_loops_of_one_rate",
         ),
         "daemon/commands/test_other_files.py": (
             "test_each_command_says_once_how_a_file_was_understood[diagnose german",
         ),
-        "models/identify/test_timing.py": ("test_readings_that_are_stale_by_chance",),
+        "models/identify/test_timing.py": (
+            "test_readings_that_are_stale_by_chance",
+            "test_a_lag_within_a_sample",
+        ),
         "benchmarks/models/test_whose_lag.py": ("test_a_curve_that_does_not_settle",),
         "daemon/doctor/test_story.py": ("test_a_stage_in_order_raises",),
+        "models/identify/test_validation.py": ("test_rows_at_late_samples",),
+        "models/identify/test_bias.py": ("test_a_curve_that_two_sines",),
     },
 }
 """Files below tests/ by the reason, and how the names of their tests begin."""
