@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.rigs.gateway_bench import ROOT, Bench, renewed, wait_until
+from tests.rigs.gateway_bench import ROOT, Bench, follows, renewed, wait_until
 
 from dehyst.daemon.bus import encoding, messages, topics
 from dehyst.daemon.bus.session import Bus, BusError
@@ -307,7 +307,7 @@ def test_the_core_comes_back_with_new_rings(shared: Bench) -> None:
         return bool(stream.read(0.1).size) and stream.run != run
 
     wait_until("the new one's samples", new_samples)
-    wait_until("and its status", lambda: client.status().core_alive)
+    wait_until("and it follows", lambda: follows(client))
     client.send(2.0)
     assert client.status().gateway.restarts_of_core == restarts + 1
     assert {"core"} <= {event.code for event in feed.events}

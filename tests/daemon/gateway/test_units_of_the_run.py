@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tests.rigs.gateway_bench import answering, free_port, wait_until, wait_until_heard
+from tests.rigs.gateway_bench import answering, follows, free_port, wait_until, wait_until_heard
 from tests.rigs.processes import dehyst, end, simulated_config
 from tests.rigs.stage_model import kept_model
 
@@ -69,7 +69,7 @@ def pair(tmp_path: Path) -> Iterator[Pair]:
 def check(client: Client, unit: str) -> None:
     """Check that everything is reported in this unit and that commands in the other one are
     refused."""
-    wait_until("the core is there", lambda: client.status().core_alive, 120.0)
+    wait_until("the loop is past its start", lambda: follows(client), 120.0)
     client._unit = ""  # query it again
     status = client.status()
     stroke = {"um": 1.0, "nm": 1000.0}[unit]
