@@ -74,8 +74,7 @@ def without_units(
         with_unit = [j for j, unit in units.items() if len(row) > j and unit_behind(row[j]) == unit]
         for j in with_unit:
             row[j] = row[j].strip()[: -len(units[j])].strip()
-        whole = separator.join(f'"{cell}"' if separator in cell else cell for cell in row)
-        return whole if with_unit else line
+        return _join(row, separator) if with_unit else line
 
     return [bare(line) for line in lines], units
 
@@ -118,12 +117,16 @@ def without_words(
         row = split(line)
         if len(row) != width or not any(_is_number(row[j]) for j in numbers):
             return line
-        cells = ["-" if j in words else cell for j, cell in enumerate(row)]
-        return (separator or " ").join(
-            f'"{c}"' if separator and separator in c else c for c in cells
-        )
+        return _join(["-" if j in words else cell for j, cell in enumerate(row)], separator)
 
     return [*lines[:first], *map(emptied, lines[first:])]
+
+
+def _join(cells: Sequence[str], separator: str) -> str:
+    """Return the line of these fields, with quotes around those that hold the separator. separator:
+    "" for blanks."""
+    quoted = [f'"{cell}"' if separator and separator in cell else cell for cell in cells]
+    return (separator or " ").join(quoted)
 
 
 def _is_number(cell: str) -> bool:

@@ -1128,7 +1128,7 @@ CHANGES = [
             "models/diagnosis/written_model.py",
             "return not (rings and is_one_period(data))",
             "return True",
-            "a mode that only one drive's harmonics show is in the model that is handed out",
+            "a mode that only one drive's harmonics show is in the written model",
             ("tests/models/diagnosis/test_written_model.py",),
         ),
         Change(
