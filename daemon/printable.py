@@ -21,12 +21,6 @@ def in_utf8(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode()
 
 
-def how_many(count: int, one: str, many: str = "") -> str:
-    """Return a count with its noun: how_many(2, "row") is "2 rows". many: the plural, where it is
-    not formed with an s."""
-    return f"{count} {one}" if count == 1 else f"{count} {many or one + 's'}"
-
-
 def one_line(text: str) -> str:
     """Return a text as one line for the screen: escaped, and shortened in the middle if long."""
     line = printable(" ".join(text.split()))

@@ -9,7 +9,6 @@ import numpy as np
 from dehyst.daemon.config import Config, load_controller
 from dehyst.daemon.config.drives import drive_range
 from dehyst.daemon.files.models import load_model
-from dehyst.daemon.printable import how_many
 from dehyst.models.cascade.reach import displacement_range, set_point_origin
 from dehyst.models.errors import BadInput
 from dehyst.models.inverse import sample
@@ -17,6 +16,7 @@ from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import UNREACHABLE, invert_streamed
 from dehyst.models.model import Model
 from dehyst.models.recording import AXIS_CHANNEL, Floats
+from dehyst.models.units import how_many
 
 APPROACH = 400  # samples at the first target, for the output to get there
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dehyst.models.arrays import Bools, Floats
 from dehyst.models.errors import BadRecording
+from dehyst.models.units import how_many
 
 AXIS_CHANNEL = re.compile(r"axis\.([a-z0-9]{1,8})(\.drive)?")
 """Channels of another axis of the same controller: `axis.y` is its displacement, `axis.y.drive` its
@@ -109,12 +110,12 @@ class Recording:
         """Return one sentence that lists what is missing; "" if nothing is."""
         parts = []
         if n := int(self.missing_drive.sum()):
-            parts.append(f"{n} drive value{'s' * (n > 1)} missing")
+            parts.append(f"{how_many(n, 'drive value')} missing")
         if self.displacement is not None and (n := int(self.missing_displacement.sum())):
-            parts.append(f"{n} displacement value{'s' * (n > 1)} missing")
+            parts.append(f"{how_many(n, 'displacement value')} missing")
         if n := int(self.gaps.size):
             longest = float(np.diff(self.t_s)[self.gaps].max())
-            gaps = "1 gap in time of" if n == 1 else f"{n} gaps in time, the longest"
+            gaps = how_many(n, "gap in time of", "gaps in time, the longest")
             parts.append(f"{gaps} {longest:.4g} s")
         return f"{self.name}: {', '.join(parts)}" if parts else ""
 

@@ -1,4 +1,4 @@
-"""The units of models and recordings, and units in readable form."""
+"""The units of models and recordings, and sizes, units and counts in readable form."""
 
 UNIT_NAMES = ("v", "um", "nm", "counts", "mrad", "urad")
 """The units of drive and displacement, as in the names of columns and keys."""
@@ -24,3 +24,9 @@ def spell_size(value: float, unit: str) -> str:
     if "e+" in text and abs(value) < 1e6:
         text = f"{float(text):.0f}"
     return text if unit == "1" else f"{text} {spell_unit(unit)}"
+
+
+def how_many(count: int, one: str, many: str = "") -> str:
+    """Return a count with its noun: how_many(2, "row") is "2 rows". many: the plural, where it is
+    not formed with an s."""
+    return f"{count} {one}" if count == 1 else f"{count} {many or one + 's'}"

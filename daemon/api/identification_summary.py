@@ -11,7 +11,7 @@ from dehyst.models.identify import Identification, describe
 from dehyst.models.model import Block
 from dehyst.models.physics import KINDS
 from dehyst.models.signals.error_size import Z95
-from dehyst.models.units import spell_size, spell_unit
+from dehyst.models.units import how_many, spell_size, spell_unit
 
 NEXT = (
     "next: record another waveform, and check that the model predicts it: "
@@ -158,7 +158,7 @@ def describe_result(
         for one in result.recordings
     ]
     lines += [
-        f"{output}: {result.shape.name}, {n} operator{'s' if n > 1 else ''}"
+        f"{output}: {result.shape.name}, {how_many(n, 'operator')}"
         + "".join(f", {block_name(block)}" for block in result.model.blocks),
         f"fit {fit.rms:.4g} {unit} rms, held-out data {fit.holdout_rms:.4g}, noise "
         f"{fit.noise_rms:.4g}; " + _interval_words(fit.band, unit),

@@ -14,10 +14,10 @@ from dehyst.daemon.files.recordings import (
     recording_of,
     trajectory_of,
 )
-from dehyst.daemon.printable import how_many
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model
 from dehyst.models.recording import Recording, Trajectory
+from dehyst.models.units import how_many
 
 Columns = Mapping[str, ArrayLike]
 Source = Recording | str | Path | Columns

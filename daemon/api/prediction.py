@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dehyst.daemon.printable import how_many
 from dehyst.models.cascade.history import replay_recording
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model
 from dehyst.models.recording import Floats, Recording
 from dehyst.models.signals.error_size import rms
+from dehyst.models.units import how_many
 
 
 class Prediction(NamedTuple):

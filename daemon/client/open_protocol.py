@@ -3,7 +3,6 @@ checks. These protocols have no passwords."""
 
 import argparse
 import ipaddress
-import math
 
 from dehyst.daemon.client.connection import add_connection
 from dehyst.models.errors import BadInput
@@ -33,8 +32,8 @@ def add_serving(parser: argparse.ArgumentParser) -> None:
 
 
 def check_tolerance(tolerance: float) -> None:
-    """Raise BadInput if the tolerance is negative or not finite."""
-    if not (math.isfinite(tolerance) and tolerance >= 0.0):
+    """Raise BadInput if the tolerance is negative."""
+    if tolerance < 0.0:
         raise BadInput(f"--tolerance {tolerance:g}: it must be 0 or positive")
 
 

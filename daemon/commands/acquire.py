@@ -8,10 +8,10 @@ from pathlib import Path
 from dehyst.daemon.config import Config, load_config, load_controller
 from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
-from dehyst.daemon.printable import how_many
 from dehyst.daemon.rings import run_folder
 from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.models.recording import Recording
+from dehyst.models.units import how_many
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -9,7 +9,7 @@ from dehyst.daemon.files.foreign.reading import add_reading, reading_of
 from dehyst.daemon.files.given_recordings import say_defects, say_read
 from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
 from dehyst.daemon.files.recordings import SUFFIXES, WRITTEN, read_parts, write_recording
-from dehyst.daemon.printable import how_many
+from dehyst.models.units import how_many
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -13,7 +13,6 @@ from dehyst.daemon.files.models import load_model
 from dehyst.daemon.files.outputs import add_force, check_outputs, report_failures, whole_file
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.daemon.json_text import print_json
-from dehyst.daemon.printable import how_many
 from dehyst.models.drive_design.coverage import Coverage, measure_coverage
 from dehyst.models.drive_design.excitation import SINES, Excitation, design
 from dehyst.models.drive_design.scans import MOST_SAMPLES
@@ -22,7 +21,7 @@ from dehyst.models.drive_design.waveforms import LEAST_SEPARATING, MOST_SEPARATI
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model
 from dehyst.models.recording import Recording
-from dehyst.models.units import spell_unit
+from dehyst.models.units import how_many, spell_unit
 
 SECONDS, SPANS_PER_S = 20.0, 200.0  # defaults of --separate: duration, slew in spans per second
 

@@ -12,7 +12,7 @@ from dehyst.daemon.files.given_recordings import say_read
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.files.recordings import read_trajectory
 from dehyst.daemon.json_text import print_json_line
-from dehyst.daemon.printable import how_many
+from dehyst.models.units import how_many
 
 if TYPE_CHECKING:
     from dehyst.daemon.api.results import Drive

@@ -10,10 +10,10 @@ from dehyst import __version__
 from dehyst.daemon.client.connection import add_connection, connect_axes, say
 from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
 from dehyst.daemon.json_text import print_json
-from dehyst.daemon.printable import how_many
 from dehyst.daemon.rings.records import Flag
 from dehyst.daemon.terminal.number_options import positive
 from dehyst.models.errors import BadInput, NotNow
+from dehyst.models.units import how_many
 
 if TYPE_CHECKING:
     from dehyst.daemon.bus.messages import Status

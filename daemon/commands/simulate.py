@@ -7,7 +7,7 @@ from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.given_recordings import read_one_given, say_converted
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.json_text import print_json
-from dehyst.daemon.printable import how_many
+from dehyst.models.units import how_many
 
 NEARLY_ALL = 0.9995
 """Least share of rows outside the validity that the note prints as 100.0 %."""

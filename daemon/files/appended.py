@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Self
 
 from dehyst.daemon.files.outputs import report_failures
-from dehyst.daemon.printable import how_many
 from dehyst.drivers import system
 from dehyst.models.errors import DehystError
+from dehyst.models.units import how_many
 
 
 class RecordingFailed(DehystError):

@@ -44,6 +44,7 @@ from dehyst.daemon.files.unfinished import read_whole_part
 from dehyst.daemon.printable import printable
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Bools, Floats
+from dehyst.models.units import how_many
 
 TEXTS = (".csv", ".csv.gz", ".txt", ".dat", ".tsv", ".lvm", ".asc", ".prn")
 SUFFIXES = (*TEXTS, ".npz", ".npy", ".mcap", *NEEDS, *PACKED)
@@ -144,7 +145,7 @@ def _load_own(path: Path, wants: Sequence[str]) -> Loaded:
 def _no_values(name: str, values: Floats) -> tuple[Bools, str]:
     """Return (which values of a column stand for no value, words for them or "")."""
     none, words = stands_for_none(values, name == "t_s")
-    rows = "1 row" if np.count_nonzero(none) == 1 else f"{np.count_nonzero(none)} rows"
+    rows = how_many(int(np.count_nonzero(none)), "row")
     return none, f"{words} in {rows} of {name[:40] or 'a column'}" if words else ""
 
 

@@ -23,8 +23,8 @@ from dehyst.daemon.files.appended import RecordingFailed
 from dehyst.daemon.files.axis_columns import axis_column
 from dehyst.daemon.files.pieces import Pieces, Rotation
 from dehyst.daemon.files.rows import Columns, RowWriter, check_kind, open_rows
-from dehyst.daemon.printable import how_many
 from dehyst.daemon.rings.records import Flag
+from dehyst.models.units import how_many
 
 NO_OTHERS: Mapping[str, NDArray[Any]] = {}
 

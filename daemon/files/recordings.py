@@ -28,10 +28,10 @@ from dehyst.daemon.files.number_text import number_texts
 from dehyst.daemon.files.outputs import report_failures, whole_file
 from dehyst.daemon.files.sidecar import write_notes
 from dehyst.daemon.files.times import Times, doubt_seconds, repair_times
-from dehyst.daemon.printable import how_many, in_utf8, printable
+from dehyst.daemon.printable import in_utf8, printable
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Floats, Recording, Trajectory
-from dehyst.models.units import UNIT_NAMES
+from dehyst.models.units import UNIT_NAMES, how_many
 
 WRITTEN = (".csv", ".csv.gz", ".npz", ".mcap")
 MEASURED_FIRST = sorted(UNIT_NAMES, key=lambda unit: unit in ("v", "counts"))

@@ -12,6 +12,7 @@ import numpy as np
 
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Bools, Floats
+from dehyst.models.units import how_many
 
 LEAST_DIGITS, OFF_THE_LINE = 50, 0.75
 """Limits in units of the last digit of rounded times. LEAST_DIGITS: least span, so that the mean
@@ -113,7 +114,7 @@ def _settle_part(
         return
     if all(same_row(begin + int(row)) for row in repeated):
         keep[begin + repeated] = False
-        rows = "1 row that is" if repeated.size == 1 else f"{repeated.size} rows that are"
+        rows = how_many(repeated.size, "row that is", "rows that are")
         said.append(f"{rows} written twice left out")
         return
     rising = np.diff(part)

@@ -32,9 +32,9 @@ from dehyst.daemon.gateway.history import TelemetryHistory, runs
 from dehyst.daemon.gateway.mismatch import MismatchWatch
 from dehyst.daemon.gateway.model_trial import ModelTrial
 from dehyst.daemon.gateway.refused_starts import RefusedStarts
-from dehyst.daemon.printable import how_many
 from dehyst.daemon.rings.records import State, model_file, name_of
 from dehyst.daemon.rings.status import STATUS, message_values
+from dehyst.models.units import how_many
 
 SILENT_NS = 2_500_000_000
 """A core that has written nothing for this long is considered dead or hanging."""

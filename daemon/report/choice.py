@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from dehyst.models.identify import Identification
 from dehyst.models.identify.structure import TriedStructure
-from dehyst.models.units import spell_unit
+from dehyst.models.units import how_many, spell_unit
 
 Has = Callable[[TriedStructure], bool]
 
@@ -49,7 +49,7 @@ def explain_choice(result: Identification) -> str:
     coarse = chosen.params.slopes.size // (1 + chosen.shape.rate)
     lag = f", {chosen.lag.name}" if chosen.lag is not None else ""
     says = [
-        f"Chosen on held-out data: {result.shape.name}{lag}; {n} operator{'s' if n > 1 else ''}. "
+        f"Chosen on held-out data: {result.shape.name}{lag}; {how_many(n, 'operator')}. "
         f"Of {len(result.tried)} structures, compared with {coarse} operators, it leaves "
         f"{chosen.held_rms:.3g} {unit} rms in stretches that were held out of the fit.",
     ]

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from dehyst.daemon.printable import how_many
 from dehyst.daemon.report.plotting import BEFORE, MODEL, UNUSED, add_legend, draw_side_by_side
 from dehyst.models.learning.passes import Outcome
 from dehyst.models.recording import Floats
+from dehyst.models.units import how_many
 
 
 def draw_by_pass(outcomes: Sequence[Outcome], unit: str, axes: Axes) -> str:

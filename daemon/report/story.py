@@ -31,8 +31,10 @@ SETTLE_S = 3.0
 WORDS = 0.35  # of the curves' height, for the labels above them
 TELLING = (0.7, 1.3)
 """A close look shows a second whose rms error lies within these multiples of the 90 % quantile."""
-SHOWN = 2.4
-"""Axis limit as a multiple of the largest rms, so that a single jump does not flatten the curve."""
+SHOWN = (2.4, 5.0)
+"""Axis limit, least and most, in multiples of the largest rms: a jump does not flatten the rest."""
+MOST = 0.995
+"""Share of the errors of each phase that lie within the axis, up to its largest limit."""
 EVENTS = (
     ("appeared_s", "an effect appears"),
     ("flagged_s", "flagged"),
@@ -107,7 +109,8 @@ def draw_story_bands(story: StoryData, axes: Axes) -> str:
             [first_s, last_s], -rms, rms, color=one.color, alpha=0.75, lw=0, label=label, zorder=3
         )
         said.append(label)
-        top = max(top, SHOWN * rms)
+        least, most = (times * rms for times in SHOWN)
+        top = max(top, min(max(least, _size_of_most(error[one.part])), most))
     if np.isfinite(top) and top > 0.0:
         axes.set_ylim(-1.1 * top, (1.1 + 2.2 * WORDS) * top)
     if story.t_s.size > 1:
@@ -121,6 +124,12 @@ def draw_story_bands(story: StoryData, axes: Axes) -> str:
         axes.legend(loc="lower left", ncols=3, frameon=True, framealpha=0.85, edgecolor="white")
     happened = _mark(story, axes)
     return f"Tracking error over time. {'; '.join(said)}. {happened}"
+
+
+def _size_of_most(error: Floats) -> float:
+    """Return the size that all but a few of the errors have at most."""
+    known = np.abs(error[np.isfinite(error)])
+    return float(np.quantile(known, MOST)) if known.size else 0.0
 
 
 def list_close_looks(story: StoryData) -> list[Draw]:

@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 
-from dehyst.daemon.printable import how_many
 from dehyst.daemon.report.page import Page
 from dehyst.daemon.report.plotting import (
     MEASURED,
@@ -19,7 +18,7 @@ from dehyst.daemon.report.plotting import (
 )
 from dehyst.models.identify.validation import CLAIM, Validation
 from dehyst.models.recording import Recording
-from dehyst.models.units import spell_unit
+from dehyst.models.units import how_many, spell_unit
 
 
 def say_validation(model: str, v: Validation) -> str:

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.config import Config
-from dehyst.daemon.printable import how_many
 from dehyst.daemon.setup.questions import Wishes
 from dehyst.daemon.setup.workbench import Workbench
 from dehyst.models.drive_design.coverage import measure_coverage
 from dehyst.models.drive_design.excitation import Excitation, design
 from dehyst.models.errors import BadInput, NotNow
 from dehyst.models.recording import Floats, Recording
+from dehyst.models.units import how_many
 
 
 @dataclass(frozen=True)

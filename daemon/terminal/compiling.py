@@ -12,7 +12,7 @@ from typing import Any, Self
 from numba.core.event import Listener, install_listener
 
 from dehyst.daemon import clock, log_lines
-from dehyst.daemon.printable import how_many
+from dehyst.models.units import how_many
 
 SILENT_S = 1.0
 """Compilations that finish within this time are not reported."""

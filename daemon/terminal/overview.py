@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from dehyst.daemon.bus.messages import Event, Status
-from dehyst.daemon.printable import how_many, printable
+from dehyst.daemon.printable import printable
 from dehyst.daemon.rings.status import FROZEN, counts, is_starting, place, positioning, rate
 from dehyst.models.model import Model
+from dehyst.models.units import how_many
 
 LEVELS = {1: "", 2: "warning: ", 3: "error: "}
 EVENTS = 8

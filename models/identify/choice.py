@@ -63,8 +63,8 @@ def make_choice(setup: FitSetup, options: Options, progress: Callable[[str], Non
             return _without_vague_lag(rich, options, progress)
         if rich.best.has_lag and _outlasts_drift(rich, period_s):
             rich.notes.append(
-                "only one rate: the lag or delay may instead be part of the loop's shape; a second "
-                "recording at another rate, or one with a step, decides which"
+                "only one rate: lag, delay or resonance may be part of the loop's shape instead; "
+                "a second recording at another rate, or one with a step, decides which"
             )
             return rich  # with a lag the stage is dynamic: then its weights may be, too
     shown = Shown(rates=False, lags=lags)

@@ -59,7 +59,7 @@ from dehyst.models.recording import Floats, Recording
 from dehyst.models.signals.drive_segments import DriveSegments, has_one_size
 from dehyst.models.signals.pace import measure_slowest_s
 from dehyst.models.signals.rounding import quantum
-from dehyst.models.units import spell_unit
+from dehyst.models.units import how_many, spell_unit
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # its threads wait for each other at this size
@@ -111,10 +111,8 @@ def _identify(
             found = _search(setup if agreed else _leave_start(rows, options), options, progress)
     if not agreed:
         fewer = count_picked(setup.picks) - count_picked(_leave_start(rows, options).picks)
-        found.notes.append(
-            f"the start does not fit a de-energised stage; {fewer} rows that depend on it were "
-            "left out"
-        )
+        rows_of_it = how_many(fewer, "row that depends on it was", "rows that depend on it were")
+        found.notes.append(f"the start does not fit a de-energised stage; {rows_of_it} left out")
     found = _follow_drift(found, first.displacement_unit)
     residuals, picks = found.residuals(), found.setup.picks
     if len(rows) > 1 and (doubt := _require_one_stage(found, residuals, recordings, options)):

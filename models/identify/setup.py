@@ -41,6 +41,7 @@ from dehyst.models.signals.lone import (
     measure_jumps,
     measure_peaks,
 )
+from dehyst.models.units import how_many
 
 TWO = 0.3
 """Least jump of a wild reading, as a share of its deviation: each of two in succession has a third,
@@ -282,12 +283,12 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
         beyond += int(np.count_nonzero(one.use & ~slow))
         far = _find_far_outside(one.y)
         if far.any():
-            left = f"{np.count_nonzero(far)} displacements far outside the rest were left out"
-            notes.append(f"{one.name}: {left}")
+            left = how_many(int(np.count_nonzero(far)), "displacement")
+            notes.append(f"{one.name}: {left} far outside the rest left out")
         allowed.append(one.use & slow & ~far)
     if beyond:
-        rows_were = "row was" if beyond == 1 else "rows were"
-        notes.append(f"{beyond} {rows_were} left out, because rates as high as theirs are too rare")
+        left = how_many(beyond, "row was", "rows were")
+        notes.append(f"{left} left out, because rates that high are too rare")
     virgin = any(one.virgin for one in rows) and trust_start
     known = [_memory_is_known(one, one.virgin and trust_start) for one in rows]
     picks, running = [use & k for use, k in zip(allowed, known, strict=True)], None

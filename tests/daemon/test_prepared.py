@@ -19,6 +19,22 @@ threads = [threading.Thread(target=read) for _ in range(8)]
 [thread.start() for thread in threads]
 [thread.join() for thread in threads]
 """
+ANEW = """
+import sys, threading, msgspec
+from dehyst.daemon.prepared import resolve_classes
+sys.setswitchinterval(1e-6)
+for round in range(400):
+    part = msgspec.defstruct("Part", [(f"x{i}", dict[str, list[int]], {}) for i in range(20)])
+    whole = msgspec.defstruct("Whole", [(f"part{i}", part | None, None) for i in range(20)])
+    resolve_classes(whole)
+    gate = threading.Barrier(8)
+    def read():
+        gate.wait()
+        msgspec.json.decode(b'{"part3": {"x1": {}}}', type=whole)
+    threads = [threading.Thread(target=read) for _ in range(8)]
+    [thread.start() for thread in threads]
+    [thread.join() for thread in threads]
+"""
 RUNS = 10
 """Without the preparation, about three of four runs end with a segmentation fault."""
 
@@ -31,3 +47,10 @@ def test_threads_that_read_their_first_configuration_end_no_process(tmp_path: Pa
             env=environment(), capture_output=True, text=True,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr[-300:]
+
+
+def test_threads_that_first_use_a_prepared_class_at_once_end_no_process() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", ANEW], env=environment(), capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr[-300:]

@@ -40,6 +40,7 @@ from dehyst.daemon.files.foreign.runs import (
 from dehyst.daemon.files.foreign.stated_step import SAME_STEP, stated_step
 from dehyst.daemon.files.foreign.units import find_unit_key, split_heading
 from dehyst.models.errors import BadRecording
+from dehyst.models.units import how_many
 
 TURNED = (
     "; if each channel has a line of its own, transpose the file, so that each sample has one "
@@ -360,8 +361,9 @@ def note_text(name: str, layout: GridLayout, row: Row, place: str) -> None:
 def note_form(found: Sheet, layout: GridLayout, texts: int) -> None:
     """Add remarks on the format."""
     if layout.notes:
-        lines = "1 line" if len(layout.notes) == 1 else f"{len(layout.notes)} lines"
-        found.said.append(f"{lines} before the headings kept as notes")
+        found.said.append(
+            f"{how_many(len(layout.notes), 'line')} before the headings kept as notes"
+        )
     left = [
         (f"'{layout.headings[j][:40]}'" if layout.headings[j] else f"column {j}")
         + (f" ({layout.texts[j][:20]!r})" if j in layout.texts else "")
@@ -376,8 +378,7 @@ def note_form(found: Sheet, layout: GridLayout, texts: int) -> None:
         aside = ", ".join(f"column {j}" for j in layout.aside)
         found.said.append(f"with few numbers, at the right, and left out: {aside}")
     if texts:
-        lines = "1 line" if texts == 1 else f"{texts} lines"
-        found.said.append(f"{lines} of text between the numbers left out")
+        found.said.append(f"{how_many(texts, 'line')} of text between the numbers left out")
     found.said += layout.form
     if layout.decimal == ",":
         found.said.append("decimal commas")

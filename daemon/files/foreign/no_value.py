@@ -14,6 +14,7 @@ from dehyst.daemon.files.csv_table import LARGEST
 from dehyst.daemon.files.foreign.found import Column
 from dehyst.daemon.files.foreign.roles import words_of
 from dehyst.models.recording import Bools, Floats
+from dehyst.models.units import how_many
 
 ENDS = {-(2.0**15), 2.0**15 - 1, 2.0**16 - 1, -(2.0**31), 2.0**31 - 1, 2.0**32 - 1}
 _VALID, _INVALID = {"valid", "validity", "ok", "good"}, {"invalid", "bad", "saturated", "clipped"}
@@ -55,10 +56,9 @@ def note_marked(columns: Sequence[Column]) -> list[str]:
         mark = 0.0 if words & _VALID else 1.0
         rows = int(np.count_nonzero(values == mark))
         if words & (_VALID | _INVALID) and set(np.unique(values)) == {0.0, 1.0}:
-            which = "1 row" if rows == 1 else f"{rows} rows"
             said.append(
-                f"'{column.heading[:40]}' is {mark:g} in {which}, whose values are kept: empty "
-                "their fields in the file if they are invalid"
+                f"'{column.heading[:40]}' is {mark:g} in {how_many(rows, 'row')}, whose values are "
+                "kept: empty their fields in the file if they are invalid"
             )
     return said
 
@@ -85,7 +85,7 @@ def note_wrapped(columns: Mapping[str, Floats]) -> str:
     still = np.abs(u[rows + 1] - u[rows]) < (1.0 - WHOLE) * float(np.ptp(u))
     if not np.all(on & still):
         return ""
-    which = "1 row" if rows.size == 1 else f"{rows.size} rows"
+    which = how_many(rows.size, "row")
     return (
         f"the displacement jumps by about {float(np.median(np.abs(leap))):.5g} in {which}, as a "
         "counter or a phase does that begins again: if so, unwrap it first (numpy.unwrap with "

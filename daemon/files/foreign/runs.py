@@ -8,6 +8,7 @@ from typing import Any
 
 from dehyst.daemon.files.foreign.fields import GROUPED, GROUPED_BY_POINTS, number_of
 from dehyst.daemon.files.foreign.headings import Row, without_mark
+from dehyst.models.units import how_many
 
 NUMBER, MISSING, TEXT = 1, 0, -1
 MOST_BELOW = 60
@@ -76,7 +77,7 @@ def rows_below(rows: Sequence[Row], decimal: str) -> int:
 def note_below(rows: Sequence[Row], place: str) -> str:
     """Return the remark on rows below the numbers that are left out. place: of the first."""
     lines = [row for row in rows if not _is_blank(row)]
-    count = "1 line" if len(lines) == 1 else f"{len(lines)} lines"
+    count = how_many(len(lines), "line")
     what = "sums or means" if any(map(is_sum, lines)) else "notes"
     first = str(_first_of(lines[0])).strip()
     return f"{count} of {what} below the numbers left out, the first ({first[:20]!r}) in {place}"

@@ -51,6 +51,7 @@ from dehyst.daemon.files.foreign.runs import (
 from dehyst.daemon.files.number_text import MOST_OTHERS, ends_inside_number
 from dehyst.daemon.printable import printable
 from dehyst.models.errors import BadRecording
+from dehyst.models.units import how_many
 
 MOST_TEXT = 256 << 20
 NO_UNITS: Mapping[int, str] = {}
@@ -173,10 +174,9 @@ def understand_text(
         rows_of = _without_notes(name, lines, first, layout, split, above, marked)
         found = fill(name, layout, rows_of, lambda place: f"line {above + place + 1}")
         if marked:
-            lines_of = "1 line" if len(marked) == 1 else f"{len(marked)} lines"
             found.said.append(
-                f"{lines_of} of numbers after a comment mark left out, the first in line "
-                f"{above + marked[0] + 1}"
+                f"{how_many(len(marked), 'line')} of numbers after a comment mark left out, the "
+                f"first in line {above + marked[0] + 1}"
             )
     found.said += [left] if left else []
     if cut:

@@ -16,6 +16,7 @@ from dehyst.models.physics.candidate import format_length
 from dehyst.models.signals.drive_segments import BUTTERFLY, count_reversing_segments
 from dehyst.models.signals.following import follows_changes
 from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.units import how_many
 
 COARSE = 1.5  # times the noise rms: a larger step of the reading is reported
 FOLLOWS = 0.2  # share of the displacement's power that a memory of the drive must explain
@@ -46,26 +47,26 @@ def survey(
     sigma, whole = noise
     if data.missing:
         share = data.missing / max(data.n, 1)
-        said.append(f"{data.missing} readings are missing ({share:.1%}); none was filled in")
+        said.append(
+            f"{how_many(data.missing, 'reading is', 'readings are')} missing ({share:.1%}); "
+            "nothing was filled in"
+        )
     if data.repeats:
         said.append(
-            f"{data.repeats} samples repeat the previous reading, because the gauge was polled "
-            "faster than it updates; each reading counts once"
+            f"{how_many(data.repeats, 'sample repeats', 'samples repeat')} the previous reading, "
+            "because the gauge was polled faster than it updates; each reading counts once"
         )
     if data.frozen:
         said.append(
-            f"{data.frozen} readings stay exactly the same while the drive moves: the gauge is "
-            "stuck or at its limit there; they were left out"
+            f"{how_many(data.frozen, 'reading stays', 'readings stay')} exactly the same while the "
+            "drive moves: the gauge is stuck or at its limit there; left out"
         )
     if data.lone:
-        readings = "reading is" if data.lone == 1 else "readings are"
-        said.append(
-            f"{data.lone} isolated {readings} far from both neighbours, though the drive is not; "
-            "left out"
-        )
+        readings = how_many(data.lone, "isolated reading is", "isolated readings are")
+        said.append(f"{readings} far from both neighbours, though the drive is not; left out")
     if data.stalls:
         said.append(
-            f"the recorder stopped {data.stalls} time{'s' if data.stalls > 1 else ''}; the samples "
+            f"the recorder stopped {how_many(data.stalls, 'time')}; the samples "
             "after each stop were left out, because the drive in between is not known"
         )
     step = quantum(data.y)
@@ -118,8 +119,8 @@ def survey(
     left_out = int(np.count_nonzero(data.heads))
     if left_out > 0:
         said.append(
-            f"{left_out} samples were left out of the fits, because they depend on the stage's "
-            "unknown earlier history"
+            f"{how_many(left_out, 'sample')} left out of the fits, because the stage's unknown "
+            "earlier history acts there"
         )
     if fitted.n < data.n:
         said.append(

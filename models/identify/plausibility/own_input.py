@@ -120,7 +120,7 @@ def require_own_input(
         left_out = one.rows - one.fitted_rows
         if left_out and one.other_rms > TUNING.twice * max(one.fitted_rms, sigma):
             said.append(
-                f"{one.name}: {left_out} of {one.rows} rows were left out (start, steps, gaps, "
+                f"{one.name}: left out {left_out} of {one.rows} rows (start, steps, gaps, "
                 f"outliers); the model leaves {one.other_rms:.3g} {unit} rms there and "
                 f"{one.fitted_rms:.3g} in the others"
             )

@@ -9,11 +9,11 @@ import pytest
 
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.main import main
-from dehyst.daemon.printable import how_many
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import invert_streamed
 from dehyst.models.modelfile import shipped
+from dehyst.models.units import how_many
 
 DT = 1e-3
 

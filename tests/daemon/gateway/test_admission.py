@@ -3,7 +3,7 @@ the reference."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from tests.rigs.gate import Gate, S, grid
 
@@ -260,6 +260,7 @@ def test_a_chunk_must_begin_after_the_one_before(gate: Gate) -> None:
 
 
 @settings(max_examples=50)
+@example([(3.0, False)] * 12)  # sent twice as fast as they are played
 @given(st.lists(st.tuples(st.floats(0.05, 3.0), st.booleans()), min_size=1, max_size=40))
 def test_the_queue_never_holds_more_than_configured(steps: list[tuple[float, bool]]) -> None:
     """The loop's queue never holds more than the configured 10 s. Chunks of random length arrive at

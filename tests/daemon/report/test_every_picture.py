@@ -240,6 +240,18 @@ def test_a_jump_in_the_error_does_not_hide_the_bands() -> None:
     assert axes.get_ylim()[1] < 1e6
 
 
+def test_the_axis_shows_the_largest_errors_of_a_phase_but_not_a_jump() -> None:
+    story = pattern_story()
+    rare = (story.t_s > 20.0) & (story.t_s < 39.0) & (story.t_s % 2.0 < 0.1)  # 5 % of them
+    story.measured[rare] += 0.9
+    axes = Figure().subplots()
+    draw_story_bands(story, axes)
+    assert axes.get_ylim()[0] < -1200.0
+    story.measured[2500:2510] += 1000.0
+    draw_story_bands(story, axes := Figure().subplots())
+    assert axes.get_ylim()[0] > -1e6
+
+
 def test_the_close_looks_show_the_same_second_and_are_distinguished() -> None:
     looks = list_close_looks(pattern_story())
     panels = [Figure().subplots() for _ in looks]

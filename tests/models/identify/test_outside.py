@@ -168,7 +168,7 @@ def test_rows_that_were_left_out_are_simulated_and_reported() -> None:
     y[wild] += 0.3 * (y.max() - y.min())
     found = identify([type(one)(one.t_s, one.drive, y, name="wild.csv")])
     assert not found.used[0][wild].any()
-    said = f"{wild.size} of {y.size} rows were left out"
+    said = f"left out {wild.size} of {y.size} rows"
     assert any(said in note and "the model leaves" in note for note in found.notes)
 
 

@@ -207,4 +207,4 @@ def test_what_changes_across_a_pause_is_no_glitch_and_what_follows_is_not_bridge
     found = identify([given])
     assert not any("isolated drive outliers" in note for note in found.notes)
     assert found.recordings[0].rms < 1.3 * NOISE_UM
-    assert any("rows were left out" in note for note in found.notes)
+    assert any("left out" in note and "(start, steps, gaps" in note for note in found.notes)

@@ -235,8 +235,15 @@ CHANGES = [
         ),
         Change(
             "axis-of-a-jump", "daemon/report/story.py",
-            "top = max(top, SHOWN * rms)", "top = float(np.nanmax(np.abs(error)))",
+            "min(max(least, _size_of_most(error[one.part])), most)",
+            "float(np.nanmax(np.abs(error)))",
             "one late sample makes the bands too thin to be seen",
+        ),
+        Change(
+            "axis-by-rms-alone", "daemon/report/story.py",
+            "min(max(least, _size_of_most(error[one.part])), most)",
+            "least",
+            "the largest errors of the changed stage are cut off by the frame",
         ),
         Change(
             "any-second", "daemon/report/story.py",

@@ -376,7 +376,7 @@ CHANGES = [
         ),
         Change(
             "one-samples",
-            "daemon/printable.py",
+            "models/units.py",
             'f"{count} {one}" if count == 1 else',
             'f"{count} {one}" if count == 0 else',
             "a message says 1 samples",
