@@ -4,10 +4,11 @@
 
 Each change in the lists of this folder is applied to its own copy of the tree in a temporary
 folder, where the tests that should notice it run until the first failure; the test that noticed it
-before, as docs/noticed.md says, runs first. All tests that failed then run on an unchanged copy.
-A change is `noticed` when a test fails that passes there (or does not end) and `survived` when all
-pass. Exit status: 1 if a change survives without a listed reason, could not be applied or could
-not be judged; else 0.
+before, as docs/noticed.md says, runs first. A change that survives beside another is judged once
+more alone, because some tests need an idle machine to tell. All tests that failed then run on an
+unchanged copy. A change is `noticed` when a test fails that passes there (or does not end) and
+`survived` when all pass. Exit status: 1 if a change survives without a listed reason, could not be
+applied or could not be judged; else 0.
 
 No maintained tool fits: mutmut 3 copies each function into a switch and leaves out decorated
 functions, so every numba kernel; cosmic-ray changes each operator and number of a file without
@@ -135,7 +136,12 @@ def run(changes: Sequence[Change], jobs: int) -> list[Outcome]:
             print(f"{outcome.result:19s} {change.name}  {outcome.by}", flush=True)
             return outcome
 
-        outcomes = list(pool.map(one, changes))
+        outcomes = [
+            outcome
+            if jobs == 1 or outcome.result != SURVIVED or outcome.by
+            else one(outcome.change)
+            for outcome in list(pool.map(one, changes))
+        ]
         nodes = list(dict.fromkeys(one.node for one in outcomes if one.node))
         print(f"{len(nodes)} tests noticed them; they run on unchanged code", flush=True)
         broken = fail_unchanged(base, nodes, pool)
