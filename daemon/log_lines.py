@@ -22,6 +22,7 @@ from contextlib import suppress
 from typing import Any
 
 from dehyst.drivers import system
+from dehyst.models.units import how_many
 
 MOST_BYTES = 1 << 18
 """Largest queue [bytes]: a few thousand lines, in addition to what a kernel pipe holds."""
@@ -75,7 +76,9 @@ class _Outlet:
                 data = self._waiting.popleft()
                 self._bytes -= len(data)
                 self._busy, unsaid = True, self._unsaid
-            said = f"dehyst {self._who}: {unsaid} lines of the log could not be written\n"
+            said = (
+                f"dehyst {self._who}: {how_many(unsaid, 'line')} of the log could not be written\n"
+            )
             try:
                 self._write(said.encode() + data if unsaid else data)
             except OSError:  # full, closed, gone

@@ -64,15 +64,16 @@ def repair_times(
             f"{name}: the times fall from row to row, from {t_s[0]:.9g} to {t_s[-1]:.9g}: the "
             "newest row stands first; reverse the order of the rows"
         )
+    backs = how_many(back.size, "time")
     if back.size > UNSORTED * steps.size:
         raise BadRecording(
-            f"{name}: {where(int(back[0]))}: the time goes back, and {back.size} times in all; is "
+            f"{name}: {where(int(back[0]))}: the time goes back, and {backs} in all; is "
             "this the column of the time? --columns t=... names another; if it is, sort the rows "
             "by time"
         )
     if len(cuts) - 1 > MOST_PARTS:
         raise BadRecording(
-            f"{name}: {where(int(back[0]))}: the time goes back, and {back.size} times in all; is "
+            f"{name}: {where(int(back[0]))}: the time goes back, and {backs} in all; is "
             "this the column of the time? --columns t=... names another, --rate HZ counts the rows"
         )
     first, second = (t_s[begin:end] for begin, end in pairwise([*cuts, t_s.size][:3]))

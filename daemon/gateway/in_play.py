@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.daemon.prepared import resolve_classes
+from dehyst.models.units import how_many
 
 log = logging.getLogger(__name__)
 FILE = "in-play.json"
@@ -64,9 +65,10 @@ class InPlay(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     def describe_beyond(self, reach: tuple[float, float], unit: str) -> str:
         """Describe how many points are beyond the present reach, by how much, and how they are
         handled."""
+        beyond = how_many(self.beyond, "point passed on is", "points passed on so far are")
         return (
             f"the model or the trim has changed, and the reach is now {reach[0]:.6g} to "
-            f"{reach[1]:.6g} {unit}: {self.beyond} points passed on so far are beyond it, by up to "
+            f"{reach[1]:.6g} {unit}: {beyond} beyond it, by up to "
             f"{self.farthest:.3g} {unit}; the loop takes the nearest position and flags it"
         )
 

@@ -18,7 +18,7 @@ from dehyst.models.identify.validation import Validation
 from dehyst.models.inverse.offline import Inverted
 from dehyst.models.model import Model
 from dehyst.models.recording import Floats, Recording
-from dehyst.models.units import pick_unit, spell_unit
+from dehyst.models.units import how_many, pick_unit, spell_unit
 
 
 def show_identification(
@@ -65,7 +65,7 @@ def show_drive(
             ("samples", str(target.size)),
         ]
     )
-    out.add_bullets([f"{count} samples: {name}" for name, count in flagged.items()])
+    out.add_bullets([f"{how_many(count, 'sample')}: {name}" for name, count in flagged.items()])
     out.add_pictures(
         partial(_draw_drive, t_s, result.drive, model.drive_unit),
         partial(_draw_prediction, t_s, target, result.predicted, unit),

@@ -16,6 +16,7 @@ from dehyst.daemon.files.foreign.roles import role_of_column, unit_of_column
 from dehyst.daemon.files.foreign.stated_step import SAME_STEP, SURELY_SECONDS
 from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
 from dehyst.models.recording import Floats
+from dehyst.models.units import how_many
 
 _DIVIDED = re.compile(
     r"(?<![^\W\d_])((?:decimat|averag|oversampl|down[ _-]?sampl|sub[ _-]?sampl|mittelung|dezimat)"
@@ -95,7 +96,9 @@ def count_time(
             )
         if heading:
             lost = int(count[-1]) + 1 - count.size
-            found.said.append(f"'{heading[:40]}' leaves out {lost} samples, and so do the times")
+            found.said.append(
+                f"'{heading[:40]}' leaves out {how_many(lost, 'sample')}, and so do the times"
+            )
     elif not any("columns t=" in text or "no column holds times" in text for text in draft.asked):
         draft.asked.append("no column of times: add --rate HZ (rows a second), or --columns t=...")
 
