@@ -178,7 +178,7 @@ def score(rows: Sequence[Row], decimal: str) -> tuple[int, int, int]:
         )
         if len(kinds[i]) <= max(sure) or other or any(kinds[i][j] == TEXT for j in sure):
             continue
-        if 2 * sum(kinds[i][j] == NUMBER for j in sure) < len(sure) or _is_label(rows, i - 1):
+        if 2 * sum(kinds[i][j] == NUMBER for j in sure) < len(sure):
             continue
         whole = all(TEXT not in kind for kind in kinds[i:first])
         if size <= width + 1 or whole:  # or lines that were joined
@@ -188,11 +188,6 @@ def score(rows: Sequence[Row], decimal: str) -> tuple[int, int, int]:
         first -= 1
     over = kinds[first - 1] if 0 < first < begin else []
     return run.gain, first if len(over) >= width and TEXT in over else begin, width
-
-
-def _is_label(rows: Sequence[Row], i: int) -> bool:
-    """Return whether a line is one text that names what follows it: "dt:" of SignalExpress."""
-    return i >= 0 and length_of(rows[i]) == 1 and str(rows[i][0]).strip().endswith(":")
 
 
 def _is_short_row(kind: Sequence[int]) -> bool:

@@ -182,6 +182,12 @@ def test_a_model_that_is_none_of_dehyst_in_a_folder_of_results_is_kept(
     check_kept("diagnose {rec} --model {model} -o {dir}", Path("results/model.toml"), files, capsys)
 
 
+def test_a_diagnosis_refuses_to_replace_a_file_before_it_reads(
+    files: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    check_kept("diagnose not-there.csv -o {dir}", Path("results/model.toml"), files, capsys)
+
+
 def test_a_file_that_is_no_result_is_kept(
     files: dict[str, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:

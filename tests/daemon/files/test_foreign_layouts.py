@@ -177,6 +177,13 @@ def test_clocks(tmp_path: Path, kind: str) -> None:
     is_it(read(write(tmp_path / "a.csv", "Time;Voltage (V);Displacement (um)", *body)))
 
 
+def test_noon_is_no_new_beginning_of_the_clock(tmp_path: Path) -> None:
+    body = [f"{a};{b}" for a, b in zip(CLOCKS["half days"], rows(U, Y, separator=";"), strict=True)]
+    found = read(write(tmp_path / "a.csv", "Time;Voltage (V);Displacement (um)", *body))
+    assert "starts again" not in found.read
+    assert found.t_s[0] == pytest.approx(43199.0)  # 11:59:59 AM
+
+
 @pytest.mark.parametrize("kind", ["comma", "seconds"])
 def test_commas_in_times_do_not_decide_about_points(tmp_path: Path, kind: str) -> None:
     """50.123 next to 12:00:01,250 or to 0,005: a decimal point, or thousands."""

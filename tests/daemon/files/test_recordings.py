@@ -96,6 +96,15 @@ def test_missing_values_and_gaps_stay_missing(tmp_path: Path) -> None:
         rec.drive[0] = 5.0
 
 
+@pytest.mark.parametrize("word", ["9.91E+37", "-9.9e37"])
+def test_what_scpi_writes_for_no_value_is_missing(tmp_path: Path, word: str) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(f"t_s,u_v,y_um\n0.0,1.0,2.0\n0.1,1.5,{word}\n0.2,2.0,3.0\n")
+    found = read_recording(path)
+    assert found.displacement is not None
+    np.testing.assert_array_equal(found.displacement, [2.0, np.nan, 3.0])
+
+
 def test_displacement_can_be_demanded(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(b"t_s,u_v,y_model_um\n0,1,2\n1,2,3\n")

@@ -415,9 +415,9 @@ CHANGES += room(
         "the notes of another recording are overwritten or deleted",
     ),
     Change(
-        "results-are-replaced", "daemon/commands/diagnose.py",
+        "results-refused-late", "daemon/commands/diagnose.py",
         "[*args.recordings, args.model], args.force)", "[*args.recordings, args.model], True)",
-        "a diagnosis replaces a file of another program that is called model.toml",
+        "a diagnosis runs for minutes before it refuses to replace a file of another program",
     ),
     Change(
         "named-picture-is-replaced", "daemon/commands/play.py",
@@ -690,10 +690,6 @@ CHANGES += room(
         "preamble-beside-loses-rows", RUNS, "k == TEXT and not noted[j] and j + 1 in sure",
         "k == TEXT and not noted[j]", "the first rows beside a preamble are lost",
     ),
-    Change(
-        "period-is-a-row", RUNS, "or _is_label(rows, i - 1)", "or False",
-        "the period of a file of SignalExpress is read as its first row",
-    ),
 )  # fmt: skip
 CHANGES += room(
     (WORDS,),
@@ -704,6 +700,7 @@ CHANGES += room(
     Change(
         "scpi-nothing-is-a-value", TABLE, "|9[.,]91?0*e\\+?37)", ")",
         "9.91E+37, which stands for no value, makes a file unreadable",
+        tests=("tests/daemon/files/test_recordings.py",),
     ),
     Change(
         "infinity-refuses", ALSO, "        column.values = _finite(column.values)\n", "",
