@@ -1,5 +1,6 @@
 """Recordings of one stage may begin anywhere and differ in size: each keeps its own start."""
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ from tests.rigs.diagnosis import diagnose_without_limits
 from tests.rigs.outside import plays
 
 from dehyst.models.identify import identify
+from dehyst.models.identify.data.outliers import remove_glitches
 from dehyst.models.identify.validation import validate
 from dehyst.models.recording import Floats, Recording
 
@@ -187,6 +189,17 @@ def test_hum_in_the_others_does_not_keep_a_recording_that_does_not_belong() -> N
     found = diagnose_without_limits(given)
     assert [finding.name for finding in found.findings] == ["hum"]
     assert "does not match the others" in found.data.says[0]
+
+
+def test_no_drive_beside_a_pause_is_a_glitch() -> None:
+    t_s = 1e-3 * np.arange(2400)
+    notes: list[str] = []
+    for first, rows in itertools.product(range(100, 1700, 37), (50, 120, 333, 600)):
+        u = 50.0 + 50.0 * np.sin(2.0 * np.pi * 5.0 * t_s)
+        kept = np.delete(np.arange(t_s.size), slice(first, first + rows))
+        found = remove_glitches("pause.csv", t_s[kept], u[kept], notes)
+        np.testing.assert_array_equal(found, u[kept])
+    assert notes == []
 
 
 @pytest.mark.parametrize("lost", [True, False])
