@@ -110,7 +110,7 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
     if verdict == "explained" and not (
         written.explains(noise, one.removed)
         and are_times_known(found.problem, found.accepted)
-        and not _is_shape_known_here_only(data, written, findings)
+        and not is_shape_known_here_only(data, written, findings)
     ):
         verdict = "partly"
     ranked = tuple(sort_by_strength(findings))
@@ -176,7 +176,7 @@ def _is_needless(finding: Finding, written: WrittenModel, noise: float) -> bool:
     return finding.share >= TUNING.minor and left < TUNING.half * finding.share * before
 
 
-def _is_shape_known_here_only(
+def is_shape_known_here_only(
     data: Data, written: WrittenModel, findings: Sequence[Finding]
 ) -> bool:
     """Return whether more than a small part of the misfit is the loop's shape, of which a single

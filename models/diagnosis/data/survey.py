@@ -119,8 +119,8 @@ def survey(
     left_out = int(np.count_nonzero(data.heads))
     if left_out > 0:
         said.append(
-            f"{how_many(left_out, 'sample')} left out of the fits, because the stage's unknown "
-            "earlier history acts there"
+            f"{how_many(left_out, 'sample was', 'samples were')} left out of the fits, because the "
+            "stage's unknown earlier history acts there"
         )
     if fitted.n < data.n:
         said.append(

@@ -166,7 +166,7 @@ def test_nothing_is_explained_by_a_shape_that_is_not_written() -> None:
     given = []
     for k in range(2):
         other = 5 + 4 * np.sin(2 * np.pi * (2.3 + k) * T)
-        y = plain(u) + 2.5 * NOISE_UM * ((u - 5) / 4.5) ** 3 + 0.01 * other
+        y = plain(u) + 1.8 * NOISE_UM * ((u - 5) / 4.5) ** 3 + 0.006 * other
         given.append(Recording(T, u, noisy(y, k), channels={"other_v": other}, name=f"r{k}.csv"))
     d = diagnose_without_limits(given, model_of(plain))
     by = {f.name: f for f in d.findings}

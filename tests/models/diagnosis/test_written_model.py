@@ -26,7 +26,9 @@ from dehyst.models.diagnosis.held_out import (
     WritableFit,
     make_held_out_groups,
 )
+from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.diagnosis.verdict import is_shape_known_here_only
 from dehyst.models.diagnosis.written_model import (
     WrittenModel,
     add_model_prior,
@@ -387,6 +389,20 @@ def test_half_of_the_rows_may_leave_twice_the_power_beyond_the_noise(
     model = fit_plain_model(data, THRESHOLDS * data.span)
     one = WrittenModel(model, held, in_use, gained=True, alone=power)
     assert one.explains(1.0, 0.0) is explained
+
+
+@pytest.mark.parametrize(
+    ("recordings", "contained", "share", "only_here"),
+    [(1, True, 0.2, True), (2, False, 0.2, True), (2, True, 0.2, False), (1, True, 0.05, False)],
+)
+def test_the_shape_of_one_recording_says_nothing_for_another_waveform(
+    recordings: int, contained: bool, share: float, only_here: bool
+) -> None:
+    data, in_use = prepare([scan(k) for k in range(recordings)]), HeldOutErrors(1.0, (1.0,))
+    model = fit_plain_model(data, THRESHOLDS * data.span)
+    written = WrittenModel(model, in_use, in_use, contains_shape=contained)
+    shape = Finding("shape", "shape", "stage", "", "", "", share, {}, {}, (), {}, "")
+    assert is_shape_known_here_only(data, written, [shape]) is only_here
 
 
 def test_a_part_that_gives_a_value_that_no_model_may_have_costs_that_choice_alone() -> None:
