@@ -67,6 +67,8 @@ _REPEATED = re.compile(
     re.IGNORECASE,
 )
 """Words of what is done several times, whose number is no factor."""
+_OF_DISPLAY = re.compile(r"[mkuµμ]?V(?:olts?)? ?(?:/|per) ?div", re.IGNORECASE)
+"""The scale of an oscilloscope's screen, which its numbers are not in."""
 LABEL_FIELDS = ("label", "name", "title", "long_name")
 LONGEST_LABEL = 60
 _LISTS_NAMES = re.compile(
@@ -245,6 +247,8 @@ def factor_in_words(notes: Mapping[str, str]) -> str:
     """Return the line of a preamble that states a factor other than 1 of drive or displacement, ""
     if none does: "Scale factor,10,2", "HV amplifier gain = 10 V/V", "multiply by 10"."""
     for text in (f"{name} {value}".strip() for name, value in notes.items()):
+        if _OF_DISPLAY.search(text):
+            continue
         stated = _FACTOR_IN_WORDS.match(text)
         if stated and stated["of"] and not names_signal(stated["of"]):
             stated = None

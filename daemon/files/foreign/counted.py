@@ -15,6 +15,7 @@ from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import role_of_column, unit_of_column
 from dehyst.daemon.files.foreign.stated_step import SAME_STEP, SURELY_SECONDS
 from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
+from dehyst.models.arrays import Ints
 from dehyst.models.recording import Floats
 from dehyst.models.units import how_many
 
@@ -31,6 +32,8 @@ _PACE = re.compile(
     re.IGNORECASE,
 )
 """A name that may be that of a sampling period, the group, or of a rate."""
+WRITTEN_APART = 0.4
+"""Blank lines for each line of numbers, from which on they only set these apart."""
 UNSET_S = 1.0
 """Period [s] of a waveform of LabVIEW for which none was set."""
 
@@ -85,7 +88,7 @@ def count_time(
         source = "the file's own period"
     if step_s > 0.0:
         heading, count = _counter_with_gaps(columns, taken)
-        rows = count if heading else np.arange(len(columns[0].values))
+        rows = count if heading else number_rows(len(columns[0].values), found)
         draft.columns["t_s"] = np.asarray(found.start_s + step_s * rows, dtype=np.float64)
         each = f"a count of '{heading[:40]}'" if heading else "a row"
         draft.said.append(f"t from {source} ({step_s:.6g} s {each})")
@@ -101,6 +104,24 @@ def count_time(
             )
     elif not any("columns t=" in text or "no column holds times" in text for text in draft.asked):
         draft.asked.append("no column of times: add --rate HZ (rows a second), or --columns t=...")
+
+
+def number_rows(size: int, found: Sheet) -> Ints:
+    """Return the numbers of the rows (size,), with rows of empty fields between them counted, whose
+    samples are missing."""
+    rows = np.arange(size)
+    if 0 < found.blank_lines <= WRITTEN_APART * size:
+        found.said.append(
+            f"{how_many(found.blank_lines, 'blank line is', 'blank lines are')} between the "
+            "numbers, and not counted in the times"
+        )
+    if not found.empty:
+        return rows
+    found.said.append(
+        f"{how_many(len(found.empty), 'row')} of empty fields counted in the times, the first "
+        f"after {found.where(found.empty[0] - 1)}"
+    )
+    return rows + np.searchsorted(found.empty, rows, side="right")
 
 
 def note_contradictions(

@@ -43,7 +43,8 @@ class Sheet:
     start_s: time of its first row; said: further remarks on the format; where: describes the place
     of a row in the file; factor: words of its preamble that state one, or ""; blank: by heading
     of the columns that hold no number, the first field if it begins as one; of_some: step_s is
-    stated for some of the columns only."""
+    stated for some of the columns only; empty: for each row of empty fields between the numbers,
+    how many rows of numbers precede it; blank_lines: between the numbers."""
 
     columns: list[Column]
     notes: dict[str, str] = field(default_factory=dict)
@@ -54,6 +55,8 @@ class Sheet:
     factor: str = ""
     blank: dict[str, str] = field(default_factory=dict)
     of_some: bool = False
+    empty: list[int] = field(default_factory=list)
+    blank_lines: int = 0
 
     def __post_init__(self) -> None:
         for i, column in enumerate(self.columns):

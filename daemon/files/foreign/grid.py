@@ -231,6 +231,7 @@ def fill(
     kept = [j for j in range(layout.width) if layout.numeric[j]]
     values: list[list[float]] = [[] for _ in kept]
     places: list[int] = []
+    empty: list[int] = []
     words: dict[int, list[tuple[int, Any]]] = {}
     first: dict[int, int] = {}
     texts = clocks = 0
@@ -239,6 +240,7 @@ def fill(
     for place, row in rows:
         size = length_of(row)
         if not size:
+            empty += [len(places)] * (len(row) > 1)
             continue
         numbers = [number_of(row[j], decimal) if j < size else math.nan for j in kept]
         if all(v is None or math.isnan(v) for v in numbers):
@@ -285,13 +287,15 @@ def fill(
             raise _no_number(name, layout, j, where(places[0]), value)
         layout.units[j] = layout.units[j] or epoch_unit(value, layout.headings[j])
         layout.form.append(f"{layout.headings[j] or f'column {j}'} counted from {value}")
-    return sheet_of(
+    found = sheet_of(
         layout,
         columns,
         clock,
         lambda row: where(places[row]) if row < len(places) else f"row {row + 1}",
         texts,
     )
+    found.empty = [before for before in empty if 0 < before < len(places)]
+    return found
 
 
 def _no_number(name: str, layout: GridLayout, j: int, place: str, cell: Any) -> BadRecording:

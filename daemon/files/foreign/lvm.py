@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from dehyst.daemon.files.foreign.counted import number_rows
 from dehyst.daemon.files.foreign.fields import number_of
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.units import read_heading
@@ -89,9 +90,9 @@ def _add_times(part: Sheet, header: Header, x_columns: str) -> None:
     elif x_columns == "No" and timed and len(set(begins)) == len(set(steps)) == 1:
         begin, step = begins[0], steps[0]
         if begin is not None and step is not None and step > 0.0:
-            rows = len(part.columns[0].values)
+            times = begin + step * number_rows(len(part.columns[0].values), part)
             part.said = [text for text in part.said if not text.endswith(": 'X_Value'")]
-            part.columns.insert(0, Column("X_Value", begin + step * np.arange(rows), "s", number=0))
+            part.columns.insert(0, Column("X_Value", times, "s", number=0))
     elif timed:
         for column in part.columns:
             if _X_VALUE.fullmatch(column.heading):

@@ -103,6 +103,8 @@ _REAL = {"actual", "measured", "ist", "mesure", "mesuré", "mesurée", "gemessen
 """Words of what was measured, next to what was wanted or calculated."""
 _COMPOUND = re.compile(r"(soll|ziel|ist)?\w*?(spannung|position|auslenkung)")
 """A word of German that is made of others: "Istposition"."""
+_STRESS = re.compile(r"(?:zug|druck|biege|schub|scher|streck|normal|eigen)spannung(?:en)?")
+"""Mechanical stress, whose German word is also that of a voltage."""
 _PLAIN = re.compile(rf"(?:(t)_s|(u|y|target)_(?:{'|'.join(UNIT_NAMES)}))")
 
 
@@ -113,7 +115,8 @@ def words_of(name: str) -> set[str]:
     single = re.sub(r"[^./]+\.\d+\.", "", last)
     apart = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", single)
     words = set(re.findall(r"[^\W\d_]+", apart.lower()))
-    made = [found for word in words if (found := _COMPOUND.fullmatch(word))]
+    electrical = [word for word in words if not _STRESS.fullmatch(word)]
+    made = [found for word in electrical if (found := _COMPOUND.fullmatch(word))]
     return words | {part for found in made for part in found.groups("")} - {""}
 
 

@@ -22,7 +22,7 @@ from dehyst.daemon.files.csv_table import (
 )
 from dehyst.daemon.files.foreign.affixes import bare_numbers, without_units, without_words
 from dehyst.daemon.files.foreign.encoding import decode_text
-from dehyst.daemon.files.foreign.fields import GROUPED_APART
+from dehyst.daemon.files.foreign.fields import GROUPED_APART, number_of
 from dehyst.daemon.files.foreign.found import Sheet
 from dehyst.daemon.files.foreign.grid import (
     LOOKED_AT,
@@ -178,6 +178,8 @@ def understand_text(
                 f"{how_many(len(marked), 'line')} of numbers after a comment mark left out, the "
                 f"first in line {above + marked[0] + 1}"
             )
+    last = max(i for i, line in enumerate(lines) if line.strip())
+    found.blank_lines = sum(not line.strip(" \n\r") for line in lines[first:last])
     found.said += [left] if left else []
     if cut:
         found.said.append(f"line {cut}, the last, is cut short and left out")
@@ -205,6 +207,11 @@ def _understand_words(
             if emptied is not None:
                 return understand_text(name, "\n".join(emptied), above, one, decimal)
     shown = places[len(places) // 2]
+    if number_of(lines[shown].strip(), decimal) is not None:
+        raise BadRecording(
+            f"{name}: holds one column of numbers (line {above + shown + 1} is "
+            f"{printable(lines[shown].strip()[:20])!r}): write drive and displacement as one each"
+        )
     raise BadRecording(
         f"{name}: holds no rows of numbers separated by commas, semicolons, tabs or blanks; "
         f"line {above + shown + 1} is {printable(lines[shown].strip()[:60])!r}"

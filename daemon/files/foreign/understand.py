@@ -39,7 +39,7 @@ from dehyst.daemon.files.foreign.roles import (
     unit_of_column,
 )
 from dehyst.daemon.files.foreign.rows_apart import on_common_rows, with_own_times
-from dehyst.daemon.files.foreign.stated_step import SURELY_SECONDS
+from dehyst.daemon.files.foreign.stated_step import SAME_STEP, SURELY_SECONDS
 from dehyst.daemon.files.foreign.units import (
     DRIVE_UNITS,
     LENGTH,
@@ -233,7 +233,8 @@ def _take_time(
             return
         first = float(values[np.isfinite(values)][0])
         dated = step < DATE_STEP and any(low <= first <= high for low, high in DATES)
-        if dated or step < LEAST_STEP_S:
+        confirmed = abs(step - found.step_s) <= SAME_STEP * step  # a period, which is in seconds
+        if dated or (step < LEAST_STEP_S and not confirmed):
             draft.asked.append(
                 f"{label} begins at {first:.9g}, steps by {step:.4g}, and gives no unit: if these "
                 "are days, write (days) into the heading or add --rate HZ; otherwise add "

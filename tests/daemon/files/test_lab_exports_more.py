@@ -376,3 +376,86 @@ def test_a_line_fitted_to_the_numbers_is_no_factor(tmp_path: Path, end: str) -> 
     is_it(read(write(tmp_path / "a.csv", end=end)))
     above = write(tmp_path / "b.csv", f"# Slope: 0.06\n{HEAD}")
     assert "the file states 'Slope: 0.06'" in asked(above)
+
+
+def test_a_row_of_empty_fields_is_a_sample_that_is_missing(tmp_path: Path) -> None:
+    lines = [f"{u};{y}" for u, y in zip(U, Y, strict=True)]
+    lines[100:103] = [";"] * 3
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "\n".join(["# fs = 200 Hz", "Voltage (V);Position (um)", *lines, ";", ";"]) + "\n"
+    )
+    found = read(path)
+    np.testing.assert_allclose(found.t_s, np.delete(T, [100, 101, 102]), atol=1e-9)
+    np.testing.assert_allclose(found.drive, np.delete(U, [100, 101, 102]), atol=1e-6)
+    assert "3 rows of empty fields counted in the times, the first after line 102" in found.read
+
+
+def test_an_empty_row_of_labview_is_counted(tmp_path: Path) -> None:
+    head = ["LabVIEW Measurement\t", "Separator\tTab", "X_Columns\tNo", "***End_of_Header***\t", ""]
+    head += ["Channels\t2\t", "X_Dimension\tTime\tTime", "X0\t0\t0", "Delta_X\t0.005\t0.005"]
+    head += ["***End_of_Header***\t", "X_Value\tVoltage (V)\tPosition (um)\tComment"]
+    rows = [f"\t{u}\t{y}" for u, y in zip(U, Y, strict=True)]
+    rows[50] = "\t\t"
+    path = tmp_path / "a.lvm"
+    path.write_text("\r\n".join([*head, *rows]) + "\r\n")
+    np.testing.assert_allclose(read(path).t_s, np.delete(T, 50), atol=1e-9)
+
+
+@pytest.mark.parametrize(("blank", "said"), [(1, "1 blank line is between"), (N - 1, "")])
+def test_blank_lines_are_no_samples(tmp_path: Path, blank: int, said: str) -> None:
+    lines = [f"{u};{y}" for u, y in zip(U, Y, strict=True)]
+    body = "".join(line + ("\n\n" if i < blank else "\n") for i, line in enumerate(lines))
+    path = tmp_path / "a.csv"
+    path.write_text("Voltage (V);Position (um)\n" + body)
+    found = read(path, rate_hz=200.0)
+    is_it(found)
+    assert said in found.read
+    assert ("blank" in found.read) == bool(said)
+
+
+@pytest.mark.parametrize("units", ["V,A", "V,,A", "V,um"])
+def test_a_unit_for_each_channel_above_the_names_is_not_passed_over(
+    tmp_path: Path, units: str
+) -> None:
+    lines = [f"{t},{u},{y}" for t, u, y in zip(T, U, Y, strict=True)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([f"Vertical Units,{units}", "TIME (s),CH1,CH2", *lines]) + "\n")
+    said = asked(path, columns={"u": "CH2", "y": "CH1"}, unit="um")
+    assert "the unit of 'CH2' is not given, and may be another than volts (Vertical Units V" in said
+
+
+@pytest.mark.parametrize("stress", ["Zugspannung", "Druckspannung", "Biegespannung"])
+def test_a_mechanical_stress_is_no_drive(tmp_path: Path, stress: str) -> None:
+    lines = [f"{t};{y};{u}" for t, u, y in zip(T, U, Y, strict=True)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([f"Zeit (s);Weg (um);{stress}", *lines]) + "\n")
+    assert "no heading names the drive" in asked(path)
+    path.write_text("\n".join(["Zeit (s);Weg (um);Piezospannung (V)", *lines]) + "\n")
+    is_it(read(path))
+
+
+def test_quick_times_whose_period_the_file_states_are_in_seconds(tmp_path: Path) -> None:
+    lines = [f"{4e-8 * k - 2e-4:.8e},{u},{y}" for k, (u, y) in enumerate(zip(U, Y, strict=True))]
+    path = tmp_path / "a.csv"
+    head = ["Sample Interval,4e-08", "TIME,Voltage (V),Position (um)"]
+    path.write_text("\n".join([*head, *lines]) + "\n")
+    np.testing.assert_allclose(np.diff(read(path).t_s), 4e-8, rtol=1e-5)
+    path.write_text("\n".join([*head[1:], *lines]) + "\n")
+    assert "add --time-unit s, ms or us" in asked(path)
+
+
+@pytest.mark.parametrize(
+    "scale", ["Scale (V/DIV) = ;5;2", "Vertical scale;5 V/div", "Gain: 2 V per div"]
+)
+def test_the_scale_of_a_screen_is_no_factor(tmp_path: Path, scale: str) -> None:
+    lines = [f"{t};{u};{y}" for t, u, y in zip(T, U, Y, strict=True)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([scale, HEAD, *lines]) + "\n")
+    is_it(read(path))
+
+
+def test_one_column_of_numbers_is_called_so(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("".join(f"{y}\n" for y in Y))
+    assert "one column of numbers" in asked(path)

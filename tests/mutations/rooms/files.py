@@ -335,7 +335,7 @@ CHANGES += room(
     ),
     Change(
         "days-are-seconds", f"{FOREIGN}/understand.py",
-        "if dated or step < LEAST_STEP_S:", "if step < 0.0:",
+        "if dated or (step < LEAST_STEP_S and not confirmed):", "if step < 0.0:",
         "times in days are read as seconds, so every rate is off by a factor of 86400",
     ),
     Change(
@@ -492,6 +492,7 @@ CHANGES += room(
 )  # fmt: skip
 
 LAYOUTS = "tests/daemon/files/test_foreign_layouts.py"
+LOST = "tests/daemon/files/test_lab_exports_more.py"
 RUNS, HEADINGS = f"{FOREIGN}/runs.py", f"{FOREIGN}/headings.py"
 CHANGES += room(
     (LAYOUTS,),
@@ -566,8 +567,34 @@ CHANGES += room(
         "the second segment of a LabVIEW file is read with drive and displacement exchanged",
     ),
     Change(
-        "segments-begin-at-0", f"{FOREIGN}/lvm.py", "begin + step * np.arange(rows)",
-        "step * np.arange(rows)", "each segment of a LabVIEW file is a recording from 0 s",
+        "segments-begin-at-0", f"{FOREIGN}/lvm.py", "times = begin + step * number_rows(",
+        "times = step * number_rows(", "each segment of a LabVIEW file is a recording from 0 s",
+    ),
+    Change(
+        "empty-rows-close-up", f"{FOREIGN}/counted.py",
+        'rows + np.searchsorted(found.empty, rows, side="right")', "rows",
+        "after a row of empty fields all times of a file with a stated rate are too early",
+        tests=(LOST,),
+    ),
+    Change(
+        "amperes-are-volts", f"{FOREIGN}/choice/doubts.py",
+        "_text_with(_OTHER_VOLTS, notes) or _units_of_channels(notes)",
+        "_text_with(_OTHER_VOLTS, notes)",
+        "the current of a probe, whose unit stands above the channels, is read as volts",
+        tests=(LOST,),
+    ),
+    Change(
+        "stress-is-a-voltage", f"{FOREIGN}/roles.py",
+        "electrical = [word for word in words if not _STRESS.fullmatch(word)]",
+        "electrical = [*words]",
+        "the tensile stress of a testing machine is read as the drive in volts",
+        tests=(LOST,),
+    ),
+    Change(
+        "a-stated-period-says-nothing", f"{FOREIGN}/understand.py",
+        "confirmed = abs(step - found.step_s) <= SAME_STEP * step", "confirmed = False",
+        "quick times of an oscilloscope are asked about though the file states their period",
+        tests=(LOST,),
     ),
     Change(
         "afternoon-is-morning", f"{FOREIGN}/fields.py", "+ 12 * (half[4] in 'pP')", "",

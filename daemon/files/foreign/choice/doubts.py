@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.roles import unit_of_column, words_of
+from dehyst.daemon.files.foreign.units import find_unit_key
 
 DATES, DATE_STEP = ((0.01, 1.0), (30_000.0, 80_000.0), (700_000.0, 750_000.0)), 2e-5
 """Times of day as spreadsheets keep them, and serial dates of spreadsheets and of MATLAB in this
@@ -14,6 +15,7 @@ kHz."""
 LEAST_STEP_S = 2e-7
 """Times without a unit that step by less than this are days rather than seconds."""
 _OTHER_VOLTS = re.compile(r"(?<![^\W\d])(?:[mk]V|(?:milli|kilo)volts?)(?!\w)")
+_UNITS_LINE = re.compile(r"(?:(?:vertical|channel|y)[ _]?)?units?(?: ?label)?", re.IGNORECASE)
 _OTHER_TIMES = re.compile(
     r"(?<![^\W_])(?<!\d)(?<!\d )(?:[mnµμ]s|us(?=\s*(?:$|[\])},;/|]))|[mnuµμ]sec"
     r"|(?:milli|micro|nano)sec(?:ond)?s?)(?![^\W_])"
@@ -33,7 +35,17 @@ def other_volts(notes: Mapping[str, str], columns: Sequence[Column], drive: Colu
         return drive.heading[:60]
     if any(unit_of_column(column) in ("mv", "kv") for column in columns):
         return ""
-    return _text_with(_OTHER_VOLTS, notes)
+    return _text_with(_OTHER_VOLTS, notes) or _units_of_channels(notes)
+
+
+def _units_of_channels(notes: Mapping[str, str]) -> str:
+    """Return the line of a preamble that gives a unit for each channel, of which one is no volt, as
+    oscilloscopes write for a current probe: "Vertical Units,V,A"; "" if there is none."""
+    for key, text in notes.items():
+        units = [unit.strip() for unit in re.split(r"[,;\t]| +", text) if unit.strip()]
+        if _UNITS_LINE.fullmatch(key.strip(' "')) and any(find_unit_key(u) != "v" for u in units):
+            return f"{key} {text}"[:60]
+    return ""
 
 
 def other_times(found: Sheet, columns: Sequence[Column]) -> str:
