@@ -202,7 +202,7 @@ class _NamedStdout(io.FileIO):
 
 
 def name_stdout() -> None:
-    """Let an error of stdout, such as a full disk, name it; without this it cannot be told from
+    """Let an error of stdout, such as a full disk, name it; without this it cannot be distinguished from
     one of a file that the command writes."""
     before = sys.stdout
     if isinstance(before, io.TextIOWrapper) and before.fileno() == 1:

@@ -140,7 +140,7 @@ class HeldAxes(Closing):
 
         def guarded(group: Group) -> None:
             if not done.set_running_or_notify_cancel():
-                return  # its caller was told that it failed
+                return  # its caller has learned that it failed
             try:
                 job(group)
             except Exception as error:  # the caller gets it through the future
@@ -319,7 +319,7 @@ class HeldAxes(Closing):
         """Play a trajectory to its end or to the next stop. before: how many stops had been
         requested when the trajectory was."""
         if not begun.set_running_or_notify_cancel():
-            return  # its caller was told that it failed
+            return  # its caller has learned that it failed
         others = {axis: value for axis, value in self._held.items() if axis not in values}
 
         def look(*_: Any) -> None:

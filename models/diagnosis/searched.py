@@ -91,8 +91,8 @@ def look_for_causes(search_problem: SearchProblem, say: Progress) -> Searched:
     shown = frozenset(c.key for c, _ in sightings) & set(found.accepted.effect_keys)
     warnings = (search_problem.foreign, BUTTERFLY_WARNING if butterfly else "", few)
     bare = replace(search_problem.bare, data=alone)
-    told = tuple(one for one in warnings if one)
-    return Searched(whole, bare, found, search_problem.episode, sightings, shown, told)
+    given = tuple(one for one in warnings if one)
+    return Searched(whole, bare, found, search_problem.episode, sightings, shown, given)
 
 
 def _search_with_heads(

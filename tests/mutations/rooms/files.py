@@ -1137,7 +1137,7 @@ CHANGES += room(
     Change(
         "fields-called-formulas", f"{FOREIGN}/blank.py",
         "text = found.blank[blank[0]][:20]", 'text = ""',
-        "who wrote a unit into each field is told to look for formulas",
+        "who wrote a unit into each field is advised to look for formulas",
     ),
     Change(
         "marks-are-words", TABLE, 'not lower.strip("*-+._?")', 'not lower.strip("*")',

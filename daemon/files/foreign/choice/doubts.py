@@ -16,6 +16,7 @@ LEAST_STEP_S = 2e-7
 """Times without a unit that step by less than this are days rather than seconds."""
 _OTHER_VOLTS = re.compile(r"(?<![^\W\d])(?:[mk]V|(?:milli|kilo)volts?)(?!\w)")
 _UNITS_LINE = re.compile(r"(?:(?:vertical|channel|y)[ _]?)?units?(?: ?label)?", re.IGNORECASE)
+"""The name of a line that gives the units of the channels, not that of the times."""
 _OTHER_TIMES = re.compile(
     r"(?<![^\W_])(?<!\d)(?<!\d )(?:[mnµμ]s|us(?=\s*(?:$|[\])},;/|]))|[mnuµμ]sec"
     r"|(?:milli|micro|nano)sec(?:ond)?s?)(?![^\W_])"
