@@ -202,8 +202,8 @@ class _NamedStdout(io.FileIO):
 
 
 def name_stdout() -> None:
-    """Let an error of stdout, such as a full disk, name it; without this it cannot be distinguished from
-    one of a file that the command writes."""
+    """Let an error of stdout, such as a full disk, name it; otherwise it looks like one of a file
+    that the command writes."""
     before = sys.stdout
     if isinstance(before, io.TextIOWrapper) and before.fileno() == 1:
         before.flush()
