@@ -7,7 +7,8 @@ With --long, it runs the tests that are named in tests/long.py, and otherwise al
 
 quick      tests that start no process, no zenoh session and no pty, on all processors; one worker
            runs a whole file, so that kernels are compiled and fixtures made once
-thorough   the same, for tests that take longer: identification, diagnosis, mismatch, recordings
+thorough   the same, for tests that take longer: identification, diagnosis, mismatch, files of other
+           programs, terminals
 timing     tests that judge times and mostly wait, with a worker for each processor; nothing that
            computes runs at the same time
 processes  tests that start something; those that share a module's rig run in one worker. There is
@@ -47,11 +48,10 @@ THOROUGH = (
     "models/inverse/test_compensator.py", "models/physics/test_every_physics.py",
     "daemon/commands/test_diagnose.py", "daemon/commands/test_identify.py",
     "daemon/commands/test_excite.py", "daemon/commands/test_validate.py",
-    "daemon/loop/test_random_life.py", "daemon/doctor/test_examination.py",
-    "daemon/setup/test_moving.py", "daemon/report/test_every_picture.py", "daemon/paper",
-    "daemon/imaging", "daemon/benchmark", "daemon/doctor/test_story.py",
-    "daemon/doctor/test_ends.py", "daemon/api/test_functions.py",
-    "daemon/acquire/test_outputs.py", "daemon/files/test_recorder.py",
+    "daemon/loop/test_random_life.py", "daemon/doctor/test_examination.py", "daemon/files",
+    "daemon/terminal", "daemon/setup/test_moving.py", "daemon/report/test_every_picture.py",
+    "daemon/paper", "daemon/imaging", "daemon/benchmark", "daemon/doctor/test_story.py",
+    "daemon/doctor/test_ends.py", "daemon/api/test_functions.py", "daemon/acquire/test_outputs.py",
     "daemon/commands/test_other_files.py", "models/learning/test_trim.py",
     "models/cascade/test_reach.py", "benchmarks/models/test_proof.py",
     "models/signals/test_marks_of_pasts.py", "models/signals/test_lone.py",

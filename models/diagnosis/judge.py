@@ -177,7 +177,8 @@ def worth_with_companion(
 ) -> float:
     """Return the fall of the sum of squares by the trial's candidate together with the one that
     must accompany it, less a price for each of their parameters (G. Schwarz, Ann. Statist. 6,
-    1978), so that two explanations of the same misfit are compared as a whole."""
+    1978), so that two explanations of the same misfit are compared as a whole; minus infinity if
+    the two cannot be together."""
     problem, fit = state.problem, trial.fit
     companion = trial.candidate.required_companion()
     if companion and companion not in fit.effect_keys:
@@ -186,6 +187,11 @@ def worth_with_companion(
             for theta in other.starts(data, alone.residual(data)):
                 both = problem.refit([*alone.effects, Effect(other, theta)], start=alone)
                 fit = min(fit, both, key=lambda f: f.sse)
+    if companion:
+        found = effect_of(fit, companion).theta if companion in fit.effect_keys else ()
+        amplitudes = fit.amplitudes_of(effect_of(fit, trial.candidate.key))
+        if not trial.candidate.is_possible_with(amplitudes, found, problem.data):
+            return -np.inf
     count = sum(len(e.theta) for e in fit.effects) + fit.design.shape[1]
     count -= sum(len(e.theta) for e in state.accepted.effects) + state.accepted.design.shape[1]
     price = float(np.log(problem.data.rows.sum())) * state.sigma**2

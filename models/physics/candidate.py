@@ -144,6 +144,11 @@ class Candidate:
         """Return the key of another candidate that must be present if this one is; "": none."""
         return ""
 
+    def is_possible_with(self, amplitudes: Floats, companion: Sequence[float], data: Data) -> bool:
+        """Return whether these amplitudes are possible beside the fitted parameters of the required
+        companion; (): its fit is no better than none."""
+        return True
+
     def scaled(self, theta: Sequence[float], amount: float) -> tuple[float, ...]:
         """Return a start whose effect is about `amount` times as large, where size_index names the
         parameter to scale."""

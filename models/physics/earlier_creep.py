@@ -34,6 +34,9 @@ PACKED = fields("amount", "since")
 STATE = fields("elapsed")  # time since the first sample
 MOST = 0.5  # largest creep per decade, of the stroke: the move may have been larger than that
 MOST_OF_REACH = 0.1  # the same, of the displacement of a move from drive 0; the larger one counts
+MOST_MOVE = 6.0
+"""Size of the earlier move that the creep after the recorded ones may imply, in moves from drive 0.
+The loop takes part of the latter creep, and its fit is too small by 1 to 4 times."""
 EARLIEST, LATEST = 0.002, 3.0  # range of `since`, relative to the recording's length
 
 
@@ -125,6 +128,11 @@ class EarlierCreep(Candidate):
 
     def required_companion(self) -> str:
         return "creep"
+
+    def is_possible_with(self, amplitudes: Floats, companion: Sequence[float], data: Data) -> bool:
+        gain_per_decade = companion[0] if companion else 0.0
+        most = MOST_MOVE * max(float(np.ptp(data.y)), move_from_zero(data))
+        return float(np.abs(amplitudes).max()) <= gain_per_decade * most
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
         most = max(MOST * float(np.ptp(data.y)), MOST_OF_REACH * move_from_zero(data))

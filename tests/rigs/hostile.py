@@ -1,25 +1,28 @@
-"""Clients that misbehave: links that are kept alive but never read, silent connections.
+"""Clients that misbehave: links that are kept alive but not read, or slowly, silent connections.
 
-python -m tests.rigs.hostile PORT KEY COUNT: COUNT subscribers that receive once and then stop
-reading; it then prints "deaf".
+python -m tests.rigs.hostile PORT KEY COUNT [BYTES]: COUNT subscribers that receive once and then
+stop reading, or read so many bytes a second; it then prints "deaf".
 """
 
 import socket
 import sys
 import threading
+import time
 from contextlib import ExitStack, suppress
 
 from dehyst.daemon.bus.session import Bus
 
 SMALL_BYTES = 4096
+TURN_S = 0.1
+"""A slow link reads once in this time [s]."""
 
 
 class DeafLink:
     """A relay to the gateway that forwards what a client sends (its subscriptions, its keep-alives)
-    and, once `deaf` is set, reads nothing of what the gateway answers."""
+    and, once `deaf` is set, reads nothing of what the gateway answers, or few bytes a second."""
 
-    def __init__(self, port: int) -> None:
-        self._port = port
+    def __init__(self, port: int, bytes_per_s: int = 0) -> None:
+        self._port, self._bytes_per_s = port, bytes_per_s
         self.deaf = threading.Event()
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.address = f"tcp/127.0.0.1:{self._listener.getsockname()[1]}"
@@ -47,6 +50,9 @@ class DeafLink:
                 if not data:
                     return
                 near.sendall(data)
+            while self._bytes_per_s and (data := far.recv(round(self._bytes_per_s * TURN_S))):
+                near.sendall(data)
+                time.sleep(TURN_S)
 
 
 def idle_connections(port: int, count: int) -> ExitStack:
@@ -57,9 +63,9 @@ def idle_connections(port: int, count: int) -> ExitStack:
     return stack
 
 
-def be_deaf(port: int, key: str, count: int) -> None:
+def be_deaf(port: int, key: str, count: int, bytes_per_s: int = 0) -> None:
     """Run until killed."""
-    links = [DeafLink(port) for _ in range(count)]
+    links = [DeafLink(port, bytes_per_s) for _ in range(count)]
     heard = [threading.Event() for _ in links]
     buses = [Bus.connect([link.address]) for link in links]
     for bus, event in zip(buses, heard, strict=True):
@@ -73,4 +79,4 @@ def be_deaf(port: int, key: str, count: int) -> None:
 
 
 if __name__ == "__main__":
-    be_deaf(int(sys.argv[1]), sys.argv[2], int(sys.argv[3]))
+    be_deaf(int(sys.argv[1]), sys.argv[2], *map(int, sys.argv[3:]))

@@ -169,8 +169,13 @@ def _width_of_most(kinds: Sequence[Sequence[int]], width: int) -> int:
 
 def _with_units_below(lines: Sequence[tuple[int, Row]]) -> list[list[str]]:
     """Return the fields of the preamble's lines; those of two fields with the unit that the next
-    line gives alone: "Sampling rate,1" above "Unit,kHz"."""
+    line gives alone ("Sampling rate,1" above "Unit,kHz"), and Yokogawa's resolution of time with
+    the unit of its own line ("HResolution,1.0e-03,1.0e-03", "HUnit,s,s")."""
     cells = [texts_of(row) for _, row in lines]
+    units = {unit for one in cells if one[:1] == ["HUnit"] for unit in one[1:]}
+    for here in cells:
+        if here[:1] == ["HResolution"] and len(units) == 1:
+            here[:] = ["Sample interval", *here[1:2], *units, *here[2:]]
     for here, below in pairwise(cells):
         if len(here) == len(below) == 2 and below[0].rstrip(":=").strip().lower() in UNIT_FIELDS:
             here.append(below[1])

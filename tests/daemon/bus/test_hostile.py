@@ -3,7 +3,8 @@
 import subprocess
 import sys
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import msgpack
@@ -18,6 +19,8 @@ from dehyst.daemon.bus.session import Asked, Bus
 from dehyst.daemon.client.client import Client
 
 DEAF = 15
+SLOW, SLOW_BYTES_PER_S, SLOW_FOR_S = 5, 100_000, 10.0
+"""A quarter of what the daemon publishes at 4 kHz."""
 LONGEST_SILENCE_S = 0.5
 
 
@@ -34,6 +37,23 @@ class Ear:
         return float(np.diff([*self.times, time.monotonic()]).max())
 
 
+@contextmanager
+def deaf_subscribers(port: int, root: str, count: int, bytes_per_s: int = 0) -> Iterator[None]:
+    """Run clients that stop reading once they have received something, or read so slowly."""
+    command = subprocess.Popen(
+        [sys.executable, "-m", "tests.rigs.hostile", str(port), root + "/**", str(count),
+         str(bytes_per_s)],
+        stdout=subprocess.PIPE, env=environment() | {"PYTHONPATH": f"{ROOT / 'src'}:{ROOT}"},
+    )  # fmt: skip
+    with command as deaf:
+        try:
+            assert deaf.stdout is not None
+            assert deaf.stdout.readline() == b"deaf\n"
+            yield
+        finally:
+            deaf.kill()
+
+
 @pytest.mark.timing
 @pytest.mark.alone
 def test_subscribers_that_do_not_read_cost_nobody_else_anything(tmp_path: Path) -> None:
@@ -48,15 +68,7 @@ def test_subscribers_that_do_not_read_cost_nobody_else_anything(tmp_path: Path) 
         statuses = Ear(listener.bus, operator.keys.pubsub("status"))
         pauses, begun = stack.enter_context(noted_pauses()), bench.loop.seq
         pid = operator.status().gateway.pid
-        command = subprocess.Popen(
-            [sys.executable, "-m", "tests.rigs.hostile", str(bench.port),
-             operator.keys.root + "/**", str(DEAF)],
-            stdout=subprocess.PIPE, env=environment() | {"PYTHONPATH": f"{ROOT / 'src'}:{ROOT}"},
-        )  # fmt: skip
-        deaf = stack.enter_context(command)
-        stack.callback(deaf.kill)
-        assert deaf.stdout is not None
-        assert deaf.stdout.readline() == b"deaf\n"
+        stack.enter_context(deaf_subscribers(bench.port, operator.keys.root, DEAF))
         assert operator.status().gateway.links == 2 + DEAF
         end = time.monotonic() + 90.0
         while time.monotonic() < end and operator.status().gateway.links > 2:
@@ -75,6 +87,30 @@ def test_subscribers_that_do_not_read_cost_nobody_else_anything(tmp_path: Path) 
         assert now.links_ended >= DEAF
         assert status.bad == 0
         assert bench.gateway.poll() is None
+
+
+@pytest.mark.timing
+@pytest.mark.alone
+def test_subscribers_that_read_slowly_lose_batches_and_delay_nobody_else(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, **{"rate_hz = 200.0": "rate_hz = 4000.0"})
+    with ExitStack() as stack:
+        stack.callback(bench.close)
+        bench.start_gateway()
+        operator, listener = bench.client("operator"), bench.client("listener")
+        samples = listener.stream()
+        telemetry = Ear(listener.bus, operator.keys.pubsub("telemetry"))
+        pauses, begun = stack.enter_context(noted_pauses()), bench.loop.seq
+        before = operator.status().gateway.links
+        slow = deaf_subscribers(bench.port, operator.keys.root, SLOW, SLOW_BYTES_PER_S)
+        stack.enter_context(slow)
+        end = time.monotonic() + SLOW_FOR_S
+        while time.monotonic() < end:
+            samples.read(0.05)
+        silence_s = telemetry.longest_silence_s
+        assert operator.status().gateway.links >= before + SLOW  # none was ended
+        assert samples.lost == 0
+        allowed_s = LONGEST_SILENCE_S + max(pauses) + longest_pause_s(bench.loop.samples(begun))
+        assert silence_s < allowed_s
 
 
 def test_a_command_that_is_too_long_is_answered_with_the_limit(bench: Bench) -> None:

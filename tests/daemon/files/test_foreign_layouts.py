@@ -319,6 +319,35 @@ def test_an_empty_column_in_front(tmp_path: Path) -> None:
     is_it(read(tmp_path / "a.csv", rate_hz=200.0))
 
 
+@pytest.mark.parametrize(
+    ("resolution", "unit"), [("5.0e-03,5.0e-03", "s,s"), ("5,5", "ms,ms"), ("5000,5000", "us,us")]
+)
+def test_yokogawas_resolution_of_time_has_the_unit_of_its_line(
+    tmp_path: Path, resolution: str, unit: str
+) -> None:
+    head = ['"TraceName","Drive","Sensor"', '"VUnit","V","um"', f"HResolution,{resolution}"]
+    body = ["," + row for row in rows(U, Y)]
+    is_it(read(write(tmp_path / "a.csv", *head, f"HUnit,{unit}", *body)))
+    assert "add --rate HZ" in asked(write(tmp_path / "b.csv", *head, *body))
+
+
+@pytest.mark.parametrize(
+    ("resolution", "unit"), [("5.0e-03,1.0e-03", "s,s"), ("5.0e-03,5.0e-03", "s,ms")]
+)
+def test_different_resolutions_of_time_give_no_times(
+    tmp_path: Path, resolution: str, unit: str
+) -> None:
+    head = ['"TraceName","Drive","Sensor"', '"VUnit","V","um"', f"HResolution,{resolution}"]
+    body = ["," + row for row in rows(U, Y)]
+    path = write(tmp_path / "a.csv", *head, f"HUnit,{unit}", *body)
+    assert "add --rate HZ" in asked(path)
+
+
+def test_a_log_of_a_terminal_is_text(tmp_path: Path) -> None:
+    """PuTTY and many terminal programs call what they record .log."""
+    is_it(read(write(tmp_path / "a.log", NAMES, *rows(T, U, Y))))
+
+
 @pytest.mark.parametrize("text", ["5th of May, 1 o'clock", "13/13/2024 13:00:00"])
 def test_times_that_cannot_be_read_are_named(tmp_path: Path, text: str) -> None:
     body = [f'"{text}",{row}' for row in rows(U, Y)]

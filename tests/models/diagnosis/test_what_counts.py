@@ -279,6 +279,31 @@ def test_creep_of_an_earlier_move_is_likelier_only_where_the_recorded_moves_cree
     assert (worth["creep-earlier"] > worth["drift-trend"]) == (gain > 0.0)
 
 
+def test_creep_of_an_earlier_move_is_impossible_where_no_recorded_move_creeps() -> None:
+    """Its own curve, so that it fits best; the recorded moves are as large and do not creep."""
+    data = make()
+    rise = 0.9 * np.log10(1.0 + data.t / 0.9)
+    problem, state = problem_of(replace(data, y=data.y + rise))
+    trial = try_candidate(problem, SIGMA, state.null, candidate(data, "creep-earlier"), (0.9, 0.9))
+    drift = try_candidate(problem, SIGMA, state.null, candidate(data, "drift-trend"), (0.9, 0.9))
+    assert trial.fit.sse < drift.fit.sse
+    everything = list_candidates(data)
+    assert worth_with_companion(state, trial, everything) == -np.inf
+    assert worth_with_companion(state, drift, everything) > 0.0
+
+
+@pytest.mark.parametrize(("share", "possible"), [(0.99, True), (1.01, False)])
+def test_an_earlier_move_is_at_most_six_times_one_from_drive_0(
+    share: float, possible: bool
+) -> None:
+    data = make()
+    farthest = float(np.abs(data.u).max()) / float(np.ptp(data.u)) * float(np.ptp(data.y))
+    amplitudes = np.array([-share * 0.05 * 6.0 * max(farthest, float(np.ptp(data.y))), 0.1])
+    creep = candidate(data, "creep-earlier")
+    assert creep.is_possible_with(amplitudes, (0.05, 0.1, 10.0), data) == possible
+    assert not creep.is_possible_with(amplitudes, (), data)
+
+
 def test_an_explanation_pays_for_each_of_its_parameters() -> None:
     """The logarithm of 3000 samples in noise variances (Schwarz): two times and two amplitudes."""
     data = make()

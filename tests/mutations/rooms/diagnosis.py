@@ -222,6 +222,20 @@ CHANGES = [
             "- 0.0 * price * count",
             "a warm-up is reported as creep",
         ),
+        Change(
+            "earlier-creep-beside-any",
+            JUDGE,
+            "if not trial.candidate.is_possible_with(amplitudes, found, problem.data):",
+            "if False:",
+            "a warm-up is creep of an earlier move, though no recorded move creeps",
+        ),
+        Change(
+            "earlier-move-of-any-size",
+            "models/physics/earlier_creep.py",
+            "MOST_MOVE = 6.0",
+            "MOST_MOVE = 60.0",
+            "creep is attributed to an earlier move that no stage can have made",
+        ),
     ),
     *room(
         ("tests/models/diagnosis/test_times.py",),

@@ -374,6 +374,25 @@ CHANGES += room(
 NUMPY_FILE = "daemon/files/foreign/containers/numpy_file.py"
 ALSO = "daemon/files/loading.py"
 CHANGES += room(
+    ("tests/daemon/files/test_foreign_layouts.py",),
+    Change(
+        "resolution-without-its-unit", GRID, '"Sample interval", *here[1:2], *units, *here[2:]]',
+        '"Sample interval", *here[1:]]', "times of an oscilloscope in ms are read as seconds",
+    ),
+    Change(
+        "resolution-with-two-units", GRID,
+        'if here[:1] == ["HResolution"] and len(units) == 1:', 'if here[:1] == ["HResolution"]:',
+        "one of two contradicting units of time is used",
+    ),
+    Change(
+        "resolution-of-one-channel", GRID, "*here[1:2], *units, *here[2:]]",
+        "*here[1:2], *units]", "the times of a faster channel are those of the slowest",
+    ),
+    Change(
+        "log-is-no-text", ALSO, '".prn", ".log")', '".prn")',
+        "a log of a terminal program must be renamed before it is read",
+    ),
+) + room(
     ("tests/daemon/files/test_own_names.py",),
     Change(
         "heading-beside-own-time", ALSO,

@@ -462,7 +462,9 @@ CHANGES = [
         Change(
             "slow-subscriber-waited-for", SESSION, "wait_before_drop\": 1000,",
             "wait_before_drop\": 2_000_000,", "each congested link delays all others for seconds",
-            tests=(f"{HOSTILE}::test_subscribers_that_do_not_read_cost_nobody_else_anything",),
+            tests=(
+                f"{HOSTILE}::test_subscribers_that_read_slowly_lose_batches_and_delay_nobody_else",
+            ),
         ),
         Change(
             "idle-lock-out", SESSION, "\"transport/unicast/accept_pending\": MOST_UNKNOWN,",
