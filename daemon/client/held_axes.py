@@ -59,7 +59,7 @@ class HeldAxes(Closing):
         self._stop_lock = threading.Lock()
         self._held: dict[str, float] = {}
         self._repeat_ns = self._asked_ns = self._silent_since_ns = 0
-        self._stops, self._heeded, self._order = Stops(), 0, threading.Lock()
+        self._stops, self._stops_seen, self._order = Stops(), 0, threading.Lock()
         self._taken = False  # without a target: the lease is renewed all the same
         self._stopper = connect()
         ready: Future[None] = Future()
@@ -217,7 +217,7 @@ class HeldAxes(Closing):
         """Repeat the set-points before they expire, unless a stop has just been requested; without
         set-points, renew the lease."""
         now_ns = clock.monotonic_ns()
-        if now_ns < self._repeat_ns or self._stops.count != self._heeded:
+        if now_ns < self._repeat_ns or self._stops.count != self._stops_seen:
             return
         if self._held:
             group.send(self._held, allow_unreachable=True)  # checked before; the model may change
@@ -262,7 +262,7 @@ class HeldAxes(Closing):
             self._stops.check(before)
         except Stopped:
             raise NotNow("it was stopped") from None
-        self._heeded = before
+        self._stops_seen = before
 
     def _hold(self, targets: Mapping[str, float]) -> None:
         for axis, value in targets.items():
@@ -272,7 +272,7 @@ class HeldAxes(Closing):
 
     def _stay_here(self, group: Group) -> None:
         """Hold the axes that were held at the position that the model now predicts."""
-        self._heeded = self._stops.count
+        self._stops_seen = self._stops.count
         self._listen(POLL_S)
         here = {
             axis: float(np.clip(view.predicted, view.low, view.high))
@@ -294,7 +294,7 @@ class HeldAxes(Closing):
 
     def _let_go(self, group: Group) -> None:
         """Give up the lease: the axes have no target any more."""
-        self._heeded = self._stops.count
+        self._stops_seen = self._stops.count
         self._lose("")
         for axis in group.clients:
             self._views.change(axis, asked=np.nan, lost="")

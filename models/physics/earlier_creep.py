@@ -34,7 +34,7 @@ PACKED = fields("amount", "since")
 STATE = fields("elapsed")  # time since the first sample
 MOST = 0.5  # largest creep per decade, of the stroke: the move may have been larger than that
 MOST_OF_REACH = 0.1  # the same, of the displacement of a move from drive 0; the larger one counts
-MOST_MOVE = 6.0
+MOST_MOVE = 5.0
 """Size of the earlier move that the creep after the recorded ones may imply, in moves from drive 0.
 The loop takes part of the latter creep, and its fit is too small by 1 to 4 times."""
 EARLIEST, LATEST = 0.002, 3.0  # range of `since`, relative to the recording's length

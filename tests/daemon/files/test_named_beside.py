@@ -312,7 +312,7 @@ def test_units_by_the_names_of_the_columns(tmp_path: Path, form: str) -> None:
         is_it(read(tmp_path / "a.h5"))
 
 
-def test_remarks_that_name_millivolts_are_heeded(tmp_path: Path) -> None:
+def test_millivolts_named_in_a_remark_are_used(tmp_path: Path) -> None:
     """In an attribute of an array, in a property of a channel, in the metadata of a table."""
     h5py, nptdms = pytest.importorskip("h5py"), pytest.importorskip("nptdms")
     pyarrow = pytest.importorskip("pyarrow")

@@ -123,7 +123,7 @@ def merged_heading(folder: Path) -> Path:
 
 
 def one_channel_without(folder: Path) -> Path:
-    """LabVIEW's header names a unit for no column that can be told."""
+    """LabVIEW's header names a unit, but for which column it does not say."""
     return lvm(folder / "a.lvm", "mV\tmV\t\tnm\tnm", T, MV, T, NM)
 
 

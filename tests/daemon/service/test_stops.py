@@ -1,4 +1,4 @@
-"""What was told of a stop and of an end is what the output does, also if a device or the loop's
+"""What is reported of a stop and of an end is what the output does, also if a device or the loop's
 process was away meanwhile. Real processes and ptys; the amplifier's own report is the evidence."""
 
 import os

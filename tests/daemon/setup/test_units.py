@@ -32,7 +32,7 @@ def test_a_unit_that_is_too_late_for_the_first_answer_is_found(tmp_path: Path) -
 
 
 class Hearing(Kpc101Unit):
-    """A controller with its own gauge that passes over as many requests as it is told."""
+    """A controller with its own gauge that does not answer its first requests."""
 
     deaf = 0
 

@@ -222,20 +222,20 @@ def test_result_is_json_by_contract() -> None:
     assert delay["unit"] == "s"
 
 
-@pytest.mark.parametrize(("low", "high", "told"), [
+@pytest.mark.parametrize(("low", "high", "stated"), [
     (0.001, 0.1, {"max_v"}), (0.1, 0.001, {"min_v"}), (0.1, 0.2, {"min_v", "max_v"}),
 ])  # fmt: skip
 def test_a_limit_that_the_drive_hardly_reaches_is_neither_told_nor_written(
-    low: float, high: float, told: set[str]
+    low: float, high: float, stated: set[str]
 ) -> None:
     data = prepare(recordings("nothing"))
     top, span = data.u_min + data.span, data.span
     ends = (data.u_min + low * span, top - high * span)
     clip = Clip(data)
-    assert set(clip.values(ends, np.zeros(0))) == told
+    assert set(clip.values(ends, np.zeros(0))) == stated
     (block,) = clip.blocks(ends, np.zeros(0), data)
-    assert (block.params["min_v"] > data.u_min) == ("min_v" in told)
-    assert (block.params["max_v"] < top) == ("max_v" in told)
+    assert (block.params["min_v"] > data.u_min) == ("min_v" in stated)
+    assert (block.params["max_v"] < top) == ("max_v" in stated)
 
 
 def test_only_a_limit_with_a_size_stands_among_those_that_would_have_been_seen() -> None:

@@ -125,17 +125,17 @@ def test_a_turn_of_the_motion_is_no_lone_reading(wild: int) -> None:
 
 @pytest.mark.parametrize("stage", [plain, lambda u: dead_bands_only(u, 2.0)])
 @pytest.mark.parametrize(
-    ("lowest", "low", "told"),
+    ("lowest", "low", "stated"),
     [(-1.0, 0.4, {"max_v"}), (-1.0, 1.5, {"max_v"}), (1.5, 1.5, {"min_v", "max_v"})],
 )
 def test_a_limit_beyond_which_the_reading_moves_is_none(
-    stage: Callable[[np.ndarray], np.ndarray], lowest: float, low: float, told: set[str]
+    stage: Callable[[np.ndarray], np.ndarray], lowest: float, low: float, stated: set[str]
 ) -> None:
     """The amplifier clips at 8 V, and at the lower limit where there is one."""
     u = drive(0)
     y = stage(np.clip(u, lowest, 8.0)) + NOISE_UM * np.random.default_rng(7).standard_normal(N)
     data = prepare([Recording(T, u, y)])
     clip, ends = Clip(data), (low, 8.0)
-    assert set(clip.values(ends, np.zeros(0))) == told
+    assert set(clip.values(ends, np.zeros(0))) == stated
     (block,) = clip.blocks(ends, np.zeros(0), data)
-    assert (block.params["min_v"] > u.min()) == ("min_v" in told)
+    assert (block.params["min_v"] > u.min()) == ("min_v" in stated)

@@ -46,8 +46,8 @@ def test_a_sudden_change_is_told_with_its_time_and_no_slow_physics(changed: Stag
     assert {f.name for f in found.findings} - {"shape"} == {"unknown"}
     change = next(f for f in found.findings if f.name == "unknown")
     for one in rig.given:
-        told = change.says.partition(f" s of {one.name}")[0].rpartition("at ")[2]
-        assert float(told) == pytest.approx(CHANGES_AT * one.t_s[-1], abs=0.1)
+        stated = change.says.partition(f" s of {one.name}")[0].rpartition("at ")[2]
+        assert float(stated) == pytest.approx(CHANGES_AT * one.t_s[-1], abs=0.1)
     (place,) = [one for one in rig.given if one.name == change.where["recording"]]
     assert change.where["from_s"] == pytest.approx(CHANGES_AT * place.t_s[-1], abs=0.1)
 
@@ -76,8 +76,8 @@ def test_a_change_that_lasts_is_told_once() -> None:
     assert change.where["recording"] == "1"
     assert change.where["from_s"] == pytest.approx(CHANGES_AT * SECONDS, abs=0.1)
     assert change.says.count("its gain changes by") == 1
-    told = change.says.partition("its gain changes by ")[2].partition(" %")[0]
-    assert float(told) == pytest.approx(4.0, abs=0.3)
+    stated = change.says.partition("its gain changes by ")[2].partition(" %")[0]
+    assert float(stated) == pytest.approx(4.0, abs=0.3)
 
 
 def test_a_change_is_not_told_where_its_gain_and_its_level_cannot_be_told_apart() -> None:

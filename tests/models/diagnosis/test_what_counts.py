@@ -293,12 +293,12 @@ def test_creep_of_an_earlier_move_is_impossible_where_no_recorded_move_creeps() 
 
 
 @pytest.mark.parametrize(("share", "possible"), [(0.99, True), (1.01, False)])
-def test_an_earlier_move_is_at_most_six_times_one_from_drive_0(
+def test_an_earlier_move_is_at_most_five_times_one_from_drive_0(
     share: float, possible: bool
 ) -> None:
     data = make()
     farthest = float(np.abs(data.u).max()) / float(np.ptp(data.u)) * float(np.ptp(data.y))
-    amplitudes = np.array([-share * 0.05 * 6.0 * max(farthest, float(np.ptp(data.y))), 0.1])
+    amplitudes = np.array([-share * 0.05 * 5.0 * max(farthest, float(np.ptp(data.y))), 0.1])
     creep = candidate(data, "creep-earlier")
     assert creep.is_possible_with(amplitudes, (0.05, 0.1, 10.0), data) == possible
     assert not creep.is_possible_with(amplitudes, (), data)
@@ -314,15 +314,15 @@ def test_an_explanation_pays_for_each_of_its_parameters() -> None:
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "told"),
+    ("low", "high", "stated"),
     [(0.004, 0.09, False), (0.02, 0.09, True), (-0.01, 0.09, True), (-0.09, -0.004, False)],
 )
 def test_a_level_is_reported_within_a_factor_of_ten_or_about_zero(
-    low: float, high: float, told: bool
+    low: float, high: float, stated: bool
 ) -> None:
     clip = next(c for c in list_candidates(make()) if c.key == "clip")
     values = {"min_v": Value(0.03, low, high, "v"), "max_v": Value(8.0, 7.9, 8.1, "v")}
-    assert unidentified(Effect(clip, (0.03, 8.0)), values) == ([] if told else ["min_v"])
+    assert unidentified(Effect(clip, (0.03, 8.0)), values) == ([] if stated else ["min_v"])
 
 
 @pytest.mark.parametrize("count", [2, 3])
@@ -333,8 +333,8 @@ def test_beside_three_found_effects_nothing_that_the_drive_causes_is_excluded(co
     slow = candidate(data, "drift-trend")
     effects = [*lines, Effect(slow, slow.starts(data, data.y)[0])][:count]
     found = replace(state, accepted=problem.solve(effects))
-    told = {x.name for x in limits(found, (), lambda c, added: (c.name,))}
-    assert ("delay" in told) == (count < 3)
+    stated = {x.name for x in limits(found, (), lambda c, added: (c.name,))}
+    assert ("delay" in stated) == (count < 3)
 
 
 def test_of_two_that_are_alike_the_one_that_the_other_makes_up_for_goes_first(

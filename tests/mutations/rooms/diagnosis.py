@@ -232,8 +232,8 @@ CHANGES = [
         Change(
             "earlier-move-of-any-size",
             "models/physics/earlier_creep.py",
-            "MOST_MOVE = 6.0",
-            "MOST_MOVE = 60.0",
+            "MOST_MOVE = 5.0",
+            "MOST_MOVE = 50.0",
             "creep is attributed to an earlier move that no stage can have made",
         ),
     ),
