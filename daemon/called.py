@@ -1,5 +1,5 @@
-"""What every function of `import dehyst` does around its work: it checks the parameters, and names
-them in its messages."""
+"""The wrapper of every function of `import dehyst`: it checks the arguments, and names parameters
+in error messages."""
 
 import inspect
 import os
@@ -21,9 +21,9 @@ R = TypeVar("R")
 
 
 def python_function(work: Callable[P, R]) -> Callable[P, R]:
-    """Make a function of the API. A parameter that is given a value of another type than it
-    declares raises BadInput with the parameter's name, and every DehystError names parameters
-    where the command line would name options."""
+    """Wrap a function of the API. An argument that is not of the type that its parameter declares
+    raises BadInput with the parameter's name, and every DehystError names parameters where the
+    command line would name options."""
 
     signature = inspect.signature(work)
 
@@ -49,7 +49,7 @@ def python_function(work: Callable[P, R]) -> Callable[P, R]:
 
 @cache
 def _hints(work: Callable[..., Any]) -> dict[str, tuple[Any, ...]]:
-    """Return the types that each parameter takes, but for those that take anything."""
+    """Return the types that each parameter takes, without the parameters that take anything."""
     found = {}
     for name, hint in get_type_hints(work).items():
         union = hint not in TAKES and get_origin(hint) in (Union, types.UnionType)
@@ -75,7 +75,7 @@ def _checked(name: str, value: Any, kinds: tuple[Any, ...]) -> Any:
 
 
 class Takes(NamedTuple):
-    """What a parameter of some type takes: in words, and whether a value is one of these."""
+    """What a parameter of one type takes. words: for messages; takes: whether it takes a value."""
 
     words: str
     takes: Callable[[Any], bool]
@@ -111,7 +111,7 @@ TAKES: dict[Any, Takes] = {
         "a list of strings", lambda v: isinstance(v, Sequence) and _are_strings(v)
     ),
     Mapping: Takes(
-        "a dict by names", lambda value: isinstance(value, Mapping) and _are_strings(value)
+        "a dict keyed by name", lambda value: isinstance(value, Mapping) and _are_strings(value)
     ),
     Callable: Takes("a function", callable),
     ArrayLike: Takes("numbers, one for each point", _are_numbers),

@@ -1,4 +1,4 @@
-"""JSON for programs and terminals: what is not a finite number is null, and all of it is ASCII."""
+"""JSON for programs and terminals: NaN and infinity become null, and all of it is ASCII."""
 
 import re
 import sys
@@ -42,7 +42,7 @@ def _in_utf8(value: Any) -> Any:
 
 
 def _number(value: Any) -> Any:
-    """Return a number of numpy as one of Python."""
+    """Return a numpy number as a Python number."""
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"{type(value).__name__} has no JSON form")

@@ -155,7 +155,7 @@ def _in_hertz(command: str | None, arguments: list[str]) -> list[str]:
 
 
 ALIASES = {"identify": (("--rate", "--rate-hz"),)}
-"""Options of a command that mean the same, and are not two names of one for argparse."""
+"""Options of a command that mean the same, although they are not two names of one for argparse."""
 
 
 def _is_number(text: str) -> bool:
@@ -202,8 +202,8 @@ class _NamedStdout(io.FileIO):
 
 
 def name_stdout() -> None:
-    """Let an error of stdout, such as a full disk, name it; otherwise it looks like one of a file
-    that the command writes."""
+    """Make an error of stdout, such as a full disk, name stdout; otherwise it would look like the
+    error of a file that the command writes."""
     before = sys.stdout
     if isinstance(before, io.TextIOWrapper) and before.fileno() == 1:
         before.flush()
@@ -250,7 +250,7 @@ def main(argv: list[str] | None = None, no_stdout: bool = False) -> int:
             raise BadInput("--json: stdout is closed; leave it open, or leave out --json")
         with reporting, at_command_line():
             code = int(args.run(args) or 0)
-        sys.stdout.flush()  # the interpreter would lose what cannot be written, without a word
+        sys.stdout.flush()  # the interpreter would silently lose what cannot be written
         return code
     except DehystError as error:
         said = parser.as_typed(str(error)) if parser else str(error)
@@ -278,8 +278,8 @@ def main(argv: list[str] | None = None, no_stdout: bool = False) -> int:
 
 
 def run_process() -> NoReturn:
-    """Run `main` as a separate process. Library warnings are not shown to the user; what the
-    screen's encoding does not have is shown escaped."""
+    """Run `main` as a separate process. Library warnings are not shown to the user; characters that
+    the screen's encoding lacks are shown escaped."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     no_stdout = open_closed_streams()

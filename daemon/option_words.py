@@ -1,7 +1,7 @@
 """Name options as the caller knows them: `--force` on the command line, `force=True` in Python.
 
 Messages are written for the command line. The functions and results of `import dehyst` pass theirs
-through `in_callers_words`, which names the parameters instead, unless a command is at work.
+through `in_callers_words`, which names the parameters instead, unless a command is running.
 """
 
 import re
@@ -38,7 +38,7 @@ _commands = 0
 
 @contextmanager
 def at_command_line() -> Iterator[None]:
-    """Within the block a command is at work, in any thread: messages keep its options."""
+    """Within the block a command is running, in any thread, so messages keep its options."""
     global _commands
     _commands += 1
     try:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from dehyst.drivers.interface import DeviceSpec, DriverConfigError
 
 KEPT = 512
+"""Newest durations kept for the percentiles."""
 TRIALS = 8
 """Calls timed when a sensor is opened: enough for a median, finished quickly at 10 ms a call."""
 

@@ -1,4 +1,4 @@
-"""Base classes of the drivers, and the errors of voltages outside a range."""
+"""Base classes of the drivers, and the errors for voltages outside a range."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
@@ -47,7 +47,8 @@ class Driver(ABC):
 
 
 class IdentifiedDriver(Driver):
-    """A driver that can tell its unit from others. unit: the one that open() found; None before."""
+    """A driver that can distinguish its unit from others. unit: the one that open() found; None
+    before."""
 
     unit: UnitIdentity | None = None
     _known: UnitIdentity | None = None

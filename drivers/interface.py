@@ -11,7 +11,7 @@ DriverError                     (a DehystError: the message is for the user)
 
 A driver is made from a table of settings (`from_settings`), does nothing until `open()`, and is
 used by one thread. `write()` and `read()` typically take at most `spec.latency_s` and never block
-longer than the driver's own time-out. A reply that arrives after its time-out is never taken for
+longer than the driver's own time-out. A reply that arrives after its time-out is never mistaken for
 the reply to the next request. A driver never clips: a value outside [spec.minimum, spec.maximum]
 raises OutOfRange and leaves the output as it was. After DeviceGone, `reconnect()` restores the link
 without moving the output, or raises again.

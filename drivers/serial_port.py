@@ -21,7 +21,7 @@ from serial.tools import list_ports
 from dehyst.drivers import system
 from dehyst.drivers.interface import DeviceGone, DeviceNotFound, DeviceTimeout, DriverConfigError
 
-READ_SIZE = 4096
+READ_SIZE = 4096  # bytes that one read returns at most
 CLOSED = -1  # no file has this descriptor
 
 

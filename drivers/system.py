@@ -27,6 +27,7 @@ except ImportError:  # Windows
     TerminalError = OSError  # type: ignore[misc,assignment]
 
 MOST_FILES = 65_536
+"""Open files that a process asks for at most, also where the system sets no limit."""
 STDOUT, STDERR = 1, 2
 LINUX = sys.platform == "linux"
 MODES = hasattr(os, "geteuid")
@@ -63,8 +64,8 @@ def sync_folder(folder: Path) -> None:
 
 
 def allow_open_files() -> None:
-    """Raise the limit of open connections to the most the system allows, instead of the 1024 of an
-    ordinary login; Windows has no such limit."""
+    """Raise the limit of open files, connections included, to what the system allows, at most
+    MOST_FILES, instead of the 1024 of an ordinary login; Windows has no such limit."""
     if resource is None:
         return
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -109,7 +110,7 @@ def end_unread(connection: socket.socket, after_ms: int) -> None:
 
 def drop_what_nobody_reads() -> None:
     """Redirect stdout and stderr to the null device where the terminal or pipe has gone. Does
-    nothing on a system that cannot tell."""
+    nothing on a system that cannot detect this."""
     if not hasattr(select, "poll"):
         return
     poll = select.poll()

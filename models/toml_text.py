@@ -11,7 +11,9 @@ from typing import Any
 from dehyst.models.errors import BadInput
 
 LONGEST = 2 << 20
+"""Characters of the longest text that is parsed."""
 DEEPEST = 32
+"""Largest number of parts of a dotted key, for which tomllib needs quadratic time."""
 LARGEST = 1e15
 """Numbers above this are damage, not measurements. The square of this still fits a float."""
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+"""

@@ -12,9 +12,9 @@ NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # SIGHUP: a closed terminal or a lost s
 
 @contextmanager
 def signals_noted() -> Iterator[list[int]]:
-    """Note Ctrl-C, SIGTERM and SIGHUP during the block in the yielded list, so that they end it in
-    order. A SIGHUP that is ignored, as under nohup, remains ignored. After the block, whatever is
-    printed to a terminal or a pipe that has gone is dropped and raises no error."""
+    """Record Ctrl-C, SIGTERM and SIGHUP during the block in the yielded list, so that the recording
+    can end cleanly. A SIGHUP that is ignored, as under nohup, remains ignored. After the block,
+    whatever is printed to a terminal or a pipe that has gone is dropped and raises no error."""
     noted: list[int] = []
     before: dict[int, Any] = {}
     for name in NAMES:

@@ -60,7 +60,7 @@ class DrivenOutput:
             clock.sleep_s(period_s)
 
     def note(self) -> None:
-        """Note where the output stands, for the next program: its unit cannot report it."""
+        """Record the output voltage for the next program if the unit cannot report it."""
         if not self.link.device.spec.output_known and math.isfinite(self.at_v):
             note_output(self.config, self.at_v)
 

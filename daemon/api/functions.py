@@ -60,7 +60,7 @@ def load_recording(
     """
     named = parse_columns(columns) if isinstance(columns, str) else dict(columns or {})
     if rate_hz is not None and not rate_hz > 0.0:
-        raise BadInput(f"--rate {rate_hz:g}: a number of rows a second above 0 is needed")
+        raise BadInput(f"--rate {rate_hz:g}: give the rows per second, above 0")
     reading = ReadOptions(named, rate_hz or 0.0, time_unit, drive_unit, unit)
     return read_recording(path, min_rows=1, reading=reading)
 
@@ -227,7 +227,8 @@ def validate(models: Any, *data: Any, units: tuple[str, str] = UNITS) -> Validat
 
 
 def _in_unit_of(model: Model, one: Recording) -> Recording:
-    """Return a recording with its lengths in the model's unit; as it is where that is no length."""
+    """Return a recording with its lengths in the model's unit; unchanged if that is not a
+    length."""
     wanted = model.displacement_unit
     factor = unit_factor(one.displacement_unit, wanted)
     if factor in (None, 1.0):

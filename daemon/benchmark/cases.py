@@ -26,8 +26,8 @@ BAND_HZ = 4.0
 PAPER_V, NOISE_UM, SEED = 10.0, 0.02, 46
 FITTED_SHARE = 0.6  # fitted share of a recording from a folder
 LEAST_ROWS, MOST_ROWS = 500, 16_000
-"""Limits on the rows of a recording: fewer say nothing; of a longer one the first rows are used, to
-keep the run short."""
+"""Limits on the rows of a recording: a shorter one proves nothing; of a longer one only the first
+rows are used, to keep the run short."""
 SIMULATED = {
     "stack": StageSettings(),
     "stack, rate-dependent": StageSettings(rate_per_decade=0.15),

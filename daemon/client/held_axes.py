@@ -60,7 +60,7 @@ class HeldAxes(Closing):
         self._held: dict[str, float] = {}
         self._repeat_ns = self._asked_ns = self._silent_since_ns = 0
         self._stops, self._stops_seen, self._order = Stops(), 0, threading.Lock()
-        self._taken = False  # without a target: the lease is renewed all the same
+        self._taken = False  # without a target: the lease is still renewed
         self._stopper = connect()
         ready: Future[None] = Future()
         self._thread = threading.Thread(target=self._live, args=(connect, ready), daemon=True)
@@ -134,8 +134,8 @@ class HeldAxes(Closing):
             raise
 
     def _call(self, job: Callable[[Group], None], stops: bool = False) -> None:
-        """Have a job done and wait for its end. stops: it also ends what was requested between the
-        stop and now."""
+        """Have the thread do a job, and wait for its end. stops: it also ends what was requested
+        after the stop that preceded this call."""
         done: Future[None] = Future()
 
         def guarded(group: Group) -> None:
@@ -248,16 +248,16 @@ class HeldAxes(Closing):
             self._views.change(axis, lost="", **({} if axis in self._held else {"asked": np.nan}))
 
     def _go(self, group: Group, targets: dict[str, float], before: int) -> None:
-        """Send targets. before: how many stops had been requested when they were."""
+        """Send targets. before: number of stops requested before these targets were."""
         for axis, value in targets.items():
             self._check_reach(axis, value, value)
         self._check_stopped(before)
-        group.acquire()  # this is no repetition of a set-point that another client has stopped
+        group.acquire()  # this repeats no set-point that another client has stopped
         group.send(targets)
         self._hold(targets)
 
     def _check_stopped(self, before: int) -> None:
-        """Raise NotNow if a stop was requested since there were `before`."""
+        """Raise NotNow if more than `before` stops have been requested."""
         try:
             self._stops.check(before)
         except Stopped:
@@ -316,8 +316,8 @@ class HeldAxes(Closing):
         before: int,
         begun: "Future[None]",
     ) -> None:
-        """Play a trajectory to its end or to the next stop. before: how many stops had been
-        requested when the trajectory was."""
+        """Play a trajectory to its end or to the next stop. before: number of stops requested
+        before the trajectory was."""
         if not begun.set_running_or_notify_cancel():
             return  # its caller has learned that it failed
         others = {axis: value for axis, value in self._held.items() if axis not in values}
@@ -365,8 +365,8 @@ class HeldAxes(Closing):
 
 
 def _wait_for(done: "Future[None]") -> None:
-    """Wait for the answer to a request. Raises its exception; NotNow where there is no answer, and
-    what waits for its turn until then is not done any more."""
+    """Wait for the answer to a request. Raises its exception, or NotNow if there is no answer; a
+    job that is then still waiting for its turn is never done."""
     try:
         done.result(ANSWER_S)
         return
@@ -381,4 +381,4 @@ def _wait_for(done: "Future[None]") -> None:
 
 
 def _do_nothing(_: Group) -> None:
-    """Job of a turn for which none was given."""
+    """Do nothing, in a turn without a job."""

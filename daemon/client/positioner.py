@@ -212,7 +212,8 @@ class Positioner(Closing):
         return True
 
     def _stay(self, client: Client) -> None:
-        """Repeat the set-point before it expires; send it again if it was late or one too many."""
+        """Repeat the set-point before it expires; send it again if it was refused as late or as one
+        too many."""
         now_ns = clock.monotonic_ns()
         if self._held is None or now_ns < self._repeat_ns:
             return
@@ -228,7 +229,7 @@ class Positioner(Closing):
 
     def _begin_going(self, client: Client, value: float, future: "Future[Reading]") -> None:
         self._leave("another position was requested")
-        client.acquire()  # this is no repetition of a set-point that another client has stopped
+        client.acquire()  # this repeats no set-point that another client has stopped
         client.send(value)
         now_ns = clock.monotonic_ns()
         self._held, self._repeat_ns = value, now_ns
@@ -305,7 +306,7 @@ class Positioner(Closing):
         stops: int,
         future: "Future[Flight]",
     ) -> None:
-        """Play a trajectory until its end or the next stop. stops: how many had been requested when
+        """Play a trajectory until its end or the next stop. stops: number of stops requested before
         the trajectory was."""
         self._leave("a trajectory was requested")
         self._held = None

@@ -39,7 +39,7 @@ class Repeated:
             raise BadInput("a trajectory needs two or more points, as many times as targets")
         if not np.all(np.isfinite(t)):
             raise BadInput("the times of a trajectory must be finite and strictly increase")
-        # later ones do not fit 64 bits, and are refused in words below
+        # later times do not fit into 64 bits; a message below refuses them
         self.offset_ns = np.round(np.clip(t - t[0], -LATEST_S, LATEST_S) * 1e9).astype(np.int64)
         if t[-1] - t[0] <= LATEST_S and np.any(np.diff(self.offset_ns) <= 0):
             raise BadInput("the times of a trajectory must be finite and strictly increase")

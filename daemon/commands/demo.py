@@ -26,7 +26,7 @@ OUTPUTS = (
 )
 """Files that the demo writes."""
 DESCRIPTION = """\
-Demonstrate dehyst on the simulated stage in some minutes: excite and record the stage through the
+Demonstrate dehyst on the simulated stage in a few minutes: excite and record the stage through the
 serial drivers, identify a model, run the daemon, stream a 1 Hz full-stroke sine to it from a
 separate process over zenoh, once with a linear gain and once with the identified model, print the
 tracking errors and save a plot. In the second part a randomly drawn effect appears in the running

@@ -113,8 +113,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="a setting of the stage, e.g. stroke_um=11.6 (of each axis; y.stroke_um=11.6: of that "
-        "one); may be repeated",
+        help="a setting of the stage, e.g. stroke_um=11.6 (each axis) or y.stroke_um=11.6 (that "
+        "axis); may be repeated",
     )
     parser.add_argument(
         "--log", metavar="FILE", help="write the history of the output voltage (.npz or .csv)"

@@ -174,8 +174,8 @@ def check_may_stay(clients: "Mapping[str, Client]") -> None:
     for client in clients.values():
         if not client.config().setpoint.stay:
             raise BadInput(
-                f"--stay: setpoint.stay is false in the configuration of {client.name}: a place is "
-                "kept only while a client asks for it"
+                f"--stay: setpoint.stay is false in the configuration of {client.name}: a "
+                "position is kept only while a client requests it"
             )
 
 

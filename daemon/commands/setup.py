@@ -95,7 +95,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--name",
-        help="the controller's name (default: the folder's; stage-1 if that is no valid name)",
+        help="the controller's name (default: the folder's; stage-1 if that is not valid)",
     )
     parser.add_argument(
         "--rate", type=float, metavar="HZ", help="rate of the loop (default: measured)"
@@ -207,7 +207,7 @@ def _check_numbers(args: argparse.Namespace) -> None:
 
 def _absolute(port: str) -> str:
     """Return a port's path as the configuration needs it: the same from every working directory,
-    and however the folder is spelled. A port that is no file, such as COM3, keeps its name."""
+    and however the folder is spelled. A port that is not a file, such as COM3, keeps its name."""
     path = Path(port)
     return str(path.parent.resolve() / path.name) if path.exists() else port
 

@@ -193,7 +193,7 @@ class SecondAct:
                 self._flag_to_end()
         looks.append(read_spent())
         self._conclude()
-        # load while the watch learned spoils all that follows, as load during it does
+        # load while the watch learned spoils all that follows, just as later load does
         late = story.missed / max(1, self._counted)
         story.busy = max(
             (busy_between(a, b, late) for a, b in pairwise(looks)),
@@ -343,7 +343,7 @@ def tell_end(story: Story) -> list[str]:
     lines.append(f"  drawn:  {story.drawn_says} (seed {story.seed})")
     lines.append(f"  named:  {story.named or 'nothing'}: {right}")
     if story.exit_status != SO_IT_WAS:
-        lines.append(f"  the same again: dehyst demo --force --seed {story.seed}")
+        lines.append(f"  to repeat it: dehyst demo --force --seed {story.seed}")
     return lines
 
 

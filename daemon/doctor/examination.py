@@ -224,7 +224,7 @@ def _describe_report(findings: Sequence[Finding], whole: bool) -> str:
 def _describe_company(
     findings: Sequence[Finding], causes: Sequence[WeighedCause], left: ChangeResiduals
 ) -> str:
-    """Describe the findings after the first where that alone explains all that is new; else ""."""
+    """Describe the further findings if the first alone explains all that is new; else ""."""
     known = {findings[0].name, "unknown"}
     others = dict.fromkeys(f.name for f in findings[1:] if f.name not in known)
     if not others or not leaves_nothing_new(findings[0], causes, left):
@@ -258,8 +258,8 @@ def _read(folder: Path, name: str, case: Case) -> Recording | None:
 def try_models(
     case: Case, model: Model, models: Sequence[Model], later: Recording, noise: float
 ) -> tuple[Model | None, OfferTest | None, str]:
-    """Return (the model that did best on the later telemetry, without what describes this recording
-    only, its test, the reason if none is offered)."""
+    """Return (the model that did best on the later telemetry, without its blocks that describe this
+    recording only; its test; the reason if none is offered)."""
     tried: list[tuple[ReplayComparison, Model]] = []
     why, left_out = "", dict[str, None]()
     for one in models:
@@ -287,7 +287,7 @@ def try_models(
                 "No model is offered: on later telemetry the augmented model leaves "
                 f"{best.offered:.3g} {unit} and the model in use {best.in_use:.3g}; the "
                 "improvement does not exceed the noise."
-                + (f" What describes this recording only ({names}) is not run." if names else "")
+                + (f" Blocks that describe this recording only, not run: {names}." if names else "")
             ),
         )
     test = OfferTest(

@@ -32,13 +32,13 @@ TRUSTED_BYTES, MOST_PACKED = 6 << 20, 60
 """Limits on unpacking: a text of numbers unpacks to five to thirty times its packed size."""
 MOST_COLUMNS = 256
 END_OF_FILE = "\x1a"
-"""What programs for DOS write behind the last line (Ctrl-Z)."""
+"""What DOS programs write after the last line (Ctrl-Z)."""
 LARGEST = 1e15  # beyond this a number is damage, not a measurement; its cube still fits a float
 _BEYOND_RANGE = (
     "over", "overflow", "over range", "overrange", "overload", "ovld", "ovrflw", "ol", "ovl", "ofl",
     "underflow", "under range", "underrange", "∞",
 )  # fmt: skip
-"""What instruments write, with or without a sign, beyond their range."""
+"""What instruments write, with or without a sign, for a value beyond their range."""
 MISSING = {
     "", "nan", "-nan", "nan(ind)", "-nan(ind)", "nan(snan)", "-nan(snan)", "na", "n/a", "<na>",
     "nat", "null", "none", "nil", "-", "--", "---", "#n/a", "#nv", "#num!", "#zahl!", "#div/0!",
@@ -48,8 +48,9 @@ MISSING = {
 }  # fmt: skip
 """Fields without a value."""
 _NO_NUMBER = re.compile(r"[+-]?(1[.,]#\w+|9[.,]91?0*e\+?37)")
-"""What Microsoft's C library writes for a number that is none ("-1.#IND", "1.#QNAN", "1.#INF"), and
-SCPI for one that is not known, or beyond the range ("9.91E+37", "-9.9E+37")."""
+"""What Microsoft's C library writes for infinity and for what is not a number ("-1.#IND",
+"1.#QNAN", "1.#INF"), and SCPI for a value that is not known or out of range ("9.91E+37",
+"-9.9E+37")."""
 _COMMENT = re.compile(r"(?m)(?:^|(?<=[ \t]))#.*")
 
 

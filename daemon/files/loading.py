@@ -56,7 +56,7 @@ BEGINS = {
     b"BZh": ".bz2", b"\xfd7zXZ": ".xz", b"ARROW1": ".feather", b"FEA1": ".feather",
     b"CDF": ".nc",
 }  # fmt: skip
-"""First bytes of the files that are no text, and the suffix of such a file."""
+"""First bytes of each kind of file that is not text, and its suffix."""
 
 
 @dataclass
@@ -150,7 +150,7 @@ def _no_values(name: str, values: Floats) -> tuple[Bools, str]:
 
 
 def _load_packed(path: Path, reading: ReadOptions, wants: Sequence[str]) -> Loaded:
-    """Load the file that a packed one holds, whose kind its own name says, or its content."""
+    """Load the file inside a packed one; its own name or its content shows its kind."""
     with tempfile.TemporaryDirectory(prefix="dehyst-read-") as folder:
         inner = unpack(path, Path(folder))
         if not inner.name.lower().endswith(SUFFIXES):
@@ -173,16 +173,16 @@ def _remedy_for(path: Path) -> str:
     with path.open("rb") as file:
         marked = text and file.read(1) == b"<"
     if marked:
-        return "it holds HTML or XML: save it as .csv or .xlsx in a program of spreadsheets"
+        return "it holds HTML or XML: save it as .csv or .xlsx in a spreadsheet program"
     if kind or text:
-        return f"it begins as {'text does' if text else f'a {kind} does'}: rename it to " + (
+        return f"it begins like {'text' if text else f'a {kind} file'}: rename it to " + (
             kind or ".txt"
         )
     return "save it as .csv or .xlsx in the program that wrote it"
 
 
 def _content_of(path: Path) -> tuple[str, bool]:
-    """Return (suffix of the kind that a file begins as, or ""; whether it begins as text)."""
+    """Return (suffix of the kind that a file begins like, or ""; whether it begins like text)."""
     try:
         with path.open("rb") as file:
             head = file.read(512)
@@ -197,13 +197,13 @@ def _content_of(path: Path) -> tuple[str, bool]:
 
 
 def _refuse_wrong_suffix(path: Path) -> None:
-    """Raise BadRecording naming the right suffix if a file begins as another kind does."""
+    """Raise BadRecording naming the right suffix if a file begins like one of another kind."""
     kind = path.suffix.lower()
     right, text = _content_of(path)
     if right and kind in TEXTS:
         name = f"{path.name}{right}" if right in PACKED else f"{path.stem}{right}"
         raise BadRecording(
-            f"{path.name}: is no text but begins as a {right} file does: rename it to {name}"
+            f"{path.name}: is not text, but begins like a {right} file: rename it to {name}"
         )
     if text and kind in {*NEEDS, ".npy", ".npz"} - {".json", ".jsonl"}:
         what = NEEDS[kind][0] if kind in NEEDS else f"an {kind} file"

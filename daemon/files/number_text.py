@@ -24,8 +24,8 @@ def number_texts(column: NDArray[Any], missing: str, finite: bool = False) -> li
 
 
 def ends_inside_number(last: str, others: Sequence[str], decimal: str) -> bool:
-    """Return whether the last field of a file without an end of its last line has fewer digits
-    than nearly all others of its column: behind the decimal mark where most have one."""
+    """Return whether the last field of a file without an end of its last line has fewer digits than
+    nearly all others of its column: after the decimal mark if most have one."""
     marked = 2 * sum(decimal in other for other in others) > len(others)
 
     def size(field: str) -> int:

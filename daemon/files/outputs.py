@@ -1,7 +1,7 @@
-"""Write results without losing anything of the user's.
+"""Write results without destroying any of the user's files.
 
 An output never replaces an input, under any name or link; a result of an earlier run (a model, a
-report, a picture) is written again, any other existing file only if the user asked for it; only
+report, a picture) is replaced, any other existing file only if the user asked for that; only
 ordinary files are written to. A file appears complete or not at all: it is written under a
 temporary name, flushed to disk, and then renamed.
 """
@@ -18,7 +18,7 @@ from dehyst.drivers import system
 from dehyst.models.errors import BadInput, DehystError
 
 RESULTS = (".html", ".png", ".json", ".md")
-"""Suffixes of results, which a run writes again; but STATE."""
+"""Suffixes of results, which a later run replaces, except the files named in STATE."""
 STATE = {"setup.json", "units.json"}
 """Files of these names hold what a set-up did and which devices are known."""
 MODEL_TABLE, HEAD_BYTES = b"[hysteresis]", 4096
@@ -32,7 +32,8 @@ def notes_path(path: Path) -> Path:
 
 
 def _is_result(path: Path) -> bool:
-    """Return whether an existing file is a result of dehyst's: a model, a report or a picture."""
+    """Return whether an existing file is a result that dehyst wrote: a model, a report or a
+    picture."""
     if path.suffix.lower() == ".toml" and path.is_file():
         with path.open("rb") as file:
             return MODEL_TABLE in file.read(HEAD_BYTES)

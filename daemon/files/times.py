@@ -20,8 +20,8 @@ step is accurate to about one percent. OFF_THE_LINE: largest deviation from a st
 rounding moves each time by up to half a digit, truncation by up to half a digit about its mean."""
 MOST_PARTS = 64
 REVERSED, UNSORTED = 0.9, 0.2
-"""Shares of rows at which the time goes back, from which on the rows are in reverse order, and from
-which on in none."""
+"""Shares of rows at which the time goes back: above REVERSED the rows are in reverse order, above
+UNSORTED in no order."""
 SLOW_STEP_S = 1.0
 """The unit of larger steps is asked for: in seconds they are less than one row per second, in
 milliseconds less than 1000. Recordings over hours at 1 or 2 Hz are ordinary."""
@@ -51,8 +51,8 @@ def repair_times(
     if not np.all(np.isfinite(t_s)):
         row = int(np.flatnonzero(~np.isfinite(t_s))[0])
         raise BadRecording(
-            f"{name}: {where(row)}: the time is missing: delete the line where it is none of the "
-            "recording's, such as a mean; --rate HZ counts all rows"
+            f"{name}: {where(row)}: the time is missing: delete the line if it is not part of "
+            "the recording, such as a mean; --rate HZ counts all rows"
         )
     steps = np.diff(t_s)
     if steps.size == 0 or bool(np.all(steps > 0.0)):
@@ -62,7 +62,7 @@ def repair_times(
     if back.size > REVERSED * steps.size:
         raise BadRecording(
             f"{name}: the times fall from row to row, from {t_s[0]:.9g} to {t_s[-1]:.9g}: the "
-            "newest row stands first; reverse the order of the rows"
+            "newest row is first; reverse the order of the rows"
         )
     backs = how_many(back.size, "time")
     if back.size > UNSORTED * steps.size:
@@ -79,7 +79,7 @@ def repair_times(
     first, second = (t_s[begin:end] for begin, end in pairwise([*cuts, t_s.size][:3]))
     if np.array_equal(first, second) and first[0] > np.ptp(first):  # of a clock, not from 0 again
         raise BadRecording(
-            f"{name}: at {where(cuts[1])} the same times come again: one channel stands below the "
+            f"{name}: at {where(cuts[1])} the same times come again: one channel is below the "
             "other; write each to a column of its own, next to one column of times"
         )
     out = t_s.copy()
@@ -132,6 +132,11 @@ def _settle_part(
             f"{step:.6g} s"
         )
         return
+    if part.size == t_s.size and not np.any(rising):
+        raise BadRecording(
+            f"{name}: the time is {part[0]:.9g} in every row, as when a program writes each sample "
+            "on its own: add --rate HZ (rows a second)"
+        )
     row = begin + int(repeated[0])
     raise BadRecording(
         f"{name}: {where(row)}: the time does not increase ({t_s[row]:.9g} twice), and the rows "

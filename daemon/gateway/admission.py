@@ -266,8 +266,8 @@ class Admission:
         return make_records(LoopCommand.ZERO, command.client, value=np.array([command.value]))
 
     def _check_repeated(self, action: str, value: float) -> None:
-        """Raise NotAdmitted if another client has stopped the stage and this is the command before,
-        repeated by a program that does not know of it."""
+        """Raise NotAdmitted if another client has stopped the stage and this command repeats the
+        one before the stop, from a program that does not know of the stop."""
         if self._stopped_by_another and self._repeated == (action, value):
             raise NotAdmitted(
                 "over",

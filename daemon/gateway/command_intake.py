@@ -84,8 +84,8 @@ class CommandIntake:
         self._own: SimpleQueue[tuple[AxisInbox, NDArray[Any]]] = SimpleQueue()
 
     def put(self, inbox: AxisInbox, key: str, payload: bytes) -> None:
-        """Queue a set-point. If too many wait, drop the oldest, as only the newest matters. Of one
-        that is too long only as much is kept as shows that it is."""
+        """Queue a set-point. If too many wait, drop the oldest, as only the newest matters. Of a
+        payload that is too long, only enough is kept to show that it is."""
         if len(inbox.puts) == WAITING_PUTS:
             inbox.flooded += 1
         inbox.puts.append((key, payload[: encoding.MAX_COMMAND_BYTES + 1]))

@@ -208,7 +208,7 @@ class ModelTrial:
             seen = "the motion so far does not distinguish it from the model before"
         else:
             seen = f"{seconds:.1f} of {wanted_s:g} s of motion seen"
-            seen += ", again after a first window against it" if self._doubt else ""
+            seen += ", in a second window, as the first was against it" if self._doubt else ""
             seen += ", waiting for the stage to move" if still_s > MOVED_S else ""
         return (
             f"the model offered for {trial.case} is on trial: {seen}; it ends in {left_s:.0f} s at "

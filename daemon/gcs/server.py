@@ -15,7 +15,7 @@ MOST_CONNECTIONS = 8
 PIECE = 1 << 16
 KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
 """Silence [s] before the first probe, interval of the probes [s] and their number: a computer that
-vanished without a word is noticed after 11 s, where the kernel alone would take two hours."""
+vanished silently is noticed after 11 s; the kernel alone would take two hours."""
 
 
 class GcsServer(socketserver.ThreadingTCPServer):

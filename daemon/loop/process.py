@@ -199,8 +199,8 @@ class Core:
         if left:
             names = ", ".join(left)
             self.axes[0].stepper.events.append(
-                f"the axes {names} follow each other's drives in a circle: the first of them takes "
-                "the drive of the sample before"
+                f"the axes {names} follow each other's drives in a circle: the first of them uses "
+                "the drive of the previous sample"
             )
 
 

@@ -31,7 +31,7 @@ from dehyst.models.model import Model
 log = logging.getLogger(__name__)
 TICK_S = 0.1
 SILENT_S = 3.0
-"""Without a status for so long, a controller counts as silent (page.js draws it by the same)."""
+"""Without a status for this long, a controller counts as silent (page.js draws it by the same)."""
 FIND_S = 2.0
 MOST_CONTROLLERS = 64
 EVENTS, HEALTHS, REPORTS = 200, 600, 10

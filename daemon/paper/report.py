@@ -12,9 +12,9 @@ from dehyst.daemon.report.plotting import draw_side_by_side
 HEAD = ("stage", "experiment", "paper, nm", "here, nm", "reached", "inverse, nm rms", "rows, %")
 RULE = (
     "Reached: the standard deviation is at most the paper's, and the mean at most the paper's "
-    "mean with its standard deviation; of the sweep, the maximum of the last second. Static "
+    "mean plus its standard deviation; for the sweep, the maximum of the last second. Static "
     "models count on the stage of Eq. 11, rate-dependent ones on that of Eq. 12; the other rows "
-    "(in brackets) are shown and do not count. The inverse's error is target less displacement on "
+    "(in brackets) are shown and do not count. The inverse's error is target minus displacement on "
     "the rows whose target can be reached; the last column is their share."
 )
 

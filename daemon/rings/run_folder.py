@@ -27,7 +27,7 @@ class InUse(BadInput):
 
 
 def make_run_folder(folder: Path) -> None:
-    """Make the folder (mode 0700) where there is none. Raises BadInput where it is not safe."""
+    """Make the folder (mode 0700) if there is none. Raises BadInput if it is not safe."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)

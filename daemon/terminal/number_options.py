@@ -1,5 +1,5 @@
-"""Types of the options that take a number, for argparse: NaN and infinity are no numbers here, and
-nothing is larger than any quantity of a stage and its devices."""
+"""Types for argparse of the options that take a number: NaN and infinity are refused, and so is a
+number larger than any quantity of a stage or its devices."""
 
 import argparse
 import math
@@ -26,7 +26,7 @@ def number(text: str) -> float:
         )
     if abs(value) > LARGEST:
         raise argparse.ArgumentTypeError(
-            f"{brief(text)} is larger than any number of a stage or its devices ({LARGEST:g})"
+            f"{brief(text)} is larger than any quantity of a stage or its devices ({LARGEST:g})"
         )
     return value
 
@@ -35,7 +35,7 @@ def whole(text: str) -> int:
     """Parse a whole number of at most 64 bits."""
     try:
         value = int(text)
-    except ValueError:  # also one of thousands of digits
+    except ValueError:  # also for one of thousands of digits
         raise argparse.ArgumentTypeError(
             f"{brief(repr(text))} is not a whole number; write it without a unit"
         ) from None
@@ -63,7 +63,7 @@ def positive(text: str) -> float:
 
 
 def within(low: float, high: float) -> Callable[[str], float]:
-    """Return what parses a number from low to high."""
+    """Return a function that parses a number from low to high."""
 
     def parse(text: str) -> float:
         value = finite(text)

@@ -49,7 +49,7 @@ class Parser(argparse.ArgumentParser):
         return found, unknown
 
     def _print_message(self, message: str, file: Any = None) -> None:
-        """Print a help or an error; argparse would conceal that a help cannot be written."""
+        """Print help or an error; argparse would conceal that help cannot be written."""
         if file is sys.stdout:
             file.write(message)
             file.flush()
@@ -64,14 +64,14 @@ class Parser(argparse.ArgumentParser):
                 either = "|".join(re.escape(one) for one in ("/".join(names), *names))
                 message = re.sub(rf"(?<![\w/-])(?:{either})(?![\w/-])", name, message)
         argument = re.match(r"([a-z]+): ", message)  # of a function that the command calls
-        if argument and argument[1] not in self.typed:  # it is no file of this name
+        if argument and argument[1] not in self.typed:  # it is not a file of this name
             option = f"--{argument[1]}"
             if option in self._option_string_actions:
                 message = f"--{message}"
         return message
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        """Refuse what is no name of a file where one is wanted, before the command begins."""
+        """Refuse an invalid name of a file before the command begins."""
         words = action.metavar if isinstance(action.metavar, tuple) else (action.metavar or "",)
         of_file = any(FILE_WORDS.fullmatch(word) for word in words)
         if of_file and (why := _why_no_file(arg_string, action.dest in OUTPUTS)):

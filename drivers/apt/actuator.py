@@ -54,7 +54,7 @@ class AptPiezo(AptRole):
 
     def open(self) -> None:
         """Connect, identify, check mode, sources and limit, enable the output and time a few sets
-        to its present voltage. It does not move: a disabled output is enabled at 0 V."""
+        to its present voltage. The output does not move: if disabled, it is enabled at 0 V."""
         channel, settings = self._channel, self.settings
         if channel.is_open:
             return

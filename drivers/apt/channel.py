@@ -35,7 +35,7 @@ class AptChannel:
 
     def connect(self, known: UnitIdentity | None) -> None:
         """Open the port, or share it if it is open. Raises DeviceNotFound, and DriverConfigError if
-        the roles differ in a setting that the port has only once."""
+        the roles give different values to a setting of the port that they share."""
         settings, kind = self._settings, self._kind
         wanted = settings.serial_number or (known.serial if known else None)
         path = kind.find_port(settings.port, wanted)
@@ -55,7 +55,7 @@ class AptChannel:
             )
 
     def identify(self, known: UnitIdentity | None) -> tuple[UnitIdentity, str]:
-        """Identify the unit, as AptLink.identify."""
+        """Identify the unit, as AptLink.identify does."""
         with self._in_use() as link:
             return link.identify(self._kind, self._settings.serial_number, known)
 
@@ -71,7 +71,8 @@ class AptChannel:
     def ask(
         self, request: str, wanted: str, first: bytes = b"", to: int | None = None, **values: int
     ) -> AptMessage:
-        """Ask as AptLink.ask, with the channel's number; to other addresses only `values`."""
+        """Ask as AptLink.ask does, adding the channel's number; to another address, send `values`
+        alone."""
         if to is None:
             to, values = self._address, {"chan": 1, **values}
         with self._in_use() as link:

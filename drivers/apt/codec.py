@@ -20,11 +20,12 @@ from dehyst.drivers.interface import ProtocolError
 
 HOST = 0x01
 UNIT = 0x50
+"""Addresses of the computer, and of a unit that is not a rack."""
 RACK, BAYS = 0x11, (0x21, 0x22, 0x23)
 """Addresses of a rack: its motherboard, and its bays with one channel each."""
 HEADER = struct.Struct("<HBBBB")
 LONG_HEADER = struct.Struct("<HHBB")
-HAS_DATA = 0x80
+HAS_DATA = 0x80  # bit of the destination in a header that is followed by data
 LONGEST = 256  # bytes of data; anything longer is garbage
 
 

@@ -26,7 +26,7 @@ USB_IDS = ((0x0403, 0xFAF0),)  # FTDI with Thorlabs' product number
 
 @dataclass(frozen=True)
 class AptKind:
-    """One kind of unit. driver: its name in this package; models: the names that such units report;
+    """One kind of unit. driver: the name of its driver; models: the names that such units report;
     prefixes: the first digits of their serial numbers, which USB reports as well; address: where
     the unit's identity is requested; channels: the address of each of its channels."""
 
@@ -105,7 +105,7 @@ class AptLink:
         self, kind: AptKind, serial_number: str | None, known: UnitIdentity | None
     ) -> tuple[UnitIdentity, str]:
         """Return which unit answers, and a description of it. Raises ForeignUnit if it is of
-        another kind, or has another serial number than the wanted one, or is not the known unit."""
+        another kind, has a serial number other than the wanted one, or is not the known unit."""
         info = self.ask("hw_req_info", "hw_get_info", to=kind.address).values
         model = bytes(info["model"]).split(b"\0")[0].decode("ascii", "replace").strip()
         minor, interim, major, _ = bytes(info["firmware"])

@@ -17,6 +17,7 @@ from dehyst.drivers.emulated.apt_unit import AptUnit
 from dehyst.drivers.emulated.ksg101_knobs import Ksg101Faults, Ksg101Knobs
 
 FULL_SCALE = 32767
+"""Counts of a reading at the full travel of the unit."""
 
 
 class Ksg101Unit(AptUnit):

@@ -7,7 +7,7 @@ from msgspec import Meta
 from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS
 from dehyst.drivers.settings import Settings
 
-DAC_STEP_V = 2.75e-3
+DAC_STEP_V = 2.75e-3  # 16 bit
 ADC_STEP_V = 3.0e-3
 
 

@@ -22,7 +22,9 @@ from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS, ReplyStyle
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bFaults, Mdt693bKnobs
 
 EXT_GAINS = {75: 7.5, 100: 10.0, 150: 15.0}
+"""Limit switch [V] -> output volts per volt at EXT, where 10 V is full output."""
 LONGEST_LINE = 256
+"""Characters of a command line that are kept."""
 
 
 @dataclass

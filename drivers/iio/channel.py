@@ -24,6 +24,7 @@ from dehyst.drivers.interface import (
 )
 
 TEXT_BYTES = 64
+"""Bytes read of a file: more than the longest number with its line end."""
 NUMBER = re.compile(rb" *([+-]?[0-9]{1,18}) *(?:[\n\0]|\Z)")
 REFUSED = (errno.EINVAL, errno.ERANGE, errno.EOVERFLOW)
 

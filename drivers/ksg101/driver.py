@@ -12,6 +12,7 @@ from dehyst.drivers.ksg101.settings import Ksg101Settings
 
 KIND = AptKind("ksg101", models=("KSG101", "TSG001"), prefixes=("59", "84"))
 FULL_SCALE = 32767
+"""Counts of a reading at the full travel of the unit."""
 BATCHES = Batches(most=4)  # tests/benchmarks/daemon/deadlines_of_axes.py
 
 

@@ -47,7 +47,7 @@ CONTEXT_T = np.dtype(
         ("maximum", np.float64),
         ("output_v", np.float64),  # the last voltage written, by either loop
         ("count", np.int64),  # samples per reading
-        ("samples", np.int64),  # address of room for them and one more number
+        ("samples", np.int64),  # address of a buffer for these and one more number
     ]
 )
 """Channel data that both loops share; labjack/direct_calls.py works on it."""

@@ -48,7 +48,9 @@ from dehyst.drivers.mdt693b.unit_facts import NATIVE, check_model, check_serial,
 from dehyst.drivers.serial_port import SerialPort, place_of
 
 DAC_STEP_V = 2.75e-3
+"""Step of the unit's 16-bit converter."""
 DECIMALS = 3
+"""Decimals of a voltage in a command: 1 mV, finer than the converter's step."""
 
 
 class Mdt693b(IdentifiedDriver):
@@ -58,7 +60,7 @@ class Mdt693b(IdentifiedDriver):
 
     timing: durations of write(); `spec.latency_s` (median), `spec.late_s` (the 95th
     percentile) and `spec.max_rate_hz` (from the 75th) are measured at open() with harmless queries
-    and from then on with the sets themselves. stray_bytes: bytes that came in unasked so far.
+    and from then on with the sets themselves. stray_bytes: unsolicited bytes received so far.
     """
 
     settings_type: ClassVar[type[Mdt69xConfig]] = Mdt693bConfig
@@ -236,7 +238,7 @@ class Mdt693b(IdentifiedDriver):
     # -- internal
 
     def _connect(self) -> None:
-        """Do everything in open() and reconnect() that does not concern the set-point."""
+        """Do the part of open() and reconnect() that does not concern the set-point."""
         unit = shared_unit(self.config)
         unit.claim(self.config, self)
         self._unit = unit

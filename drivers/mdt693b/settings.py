@@ -10,7 +10,7 @@ from dehyst.drivers.settings import Settings
 
 THREE_AXES_ID, ONE_AXIS_ID = (0x1313, 0x1003), (0x1313, 0x1004)
 USB_IDS = (THREE_AXES_ID, ONE_AXIS_ID)
-"""Vendor and product of the MDT693B and the MDT694B. Older units use an FTDI converter, as many
+"""USB ids (vendor, product) of the MDT693B and MDT694B. Older units use an FTDI converter, as many
 instruments do: for those the port must be given."""
 
 HIGHEST_V = 150.0

@@ -71,7 +71,7 @@ class JointOutputs:
 
     def write_all(self, volts: Sequence[float]) -> None:
         """Set all three with one command; volts in the order in which the outputs were given.
-        Raises as Mdt693b.write(), for all of them."""
+        Raises as Mdt693b.write() does, for all of them together."""
         first, outputs = self._outputs[0], self._outputs
         admitted = [
             output.admit(volts[place]) for output, place in zip(outputs, self._order, strict=True)

@@ -103,7 +103,7 @@ class SimulatedStage:
             self.command(volts)
 
     def settle(self, volts: float, ramp_s: float = 1.0, rest_s: float = 10.0) -> None:
-        """Ramp linearly to `volts` over ramp_s and rest there for rest_s; advances by that time."""
+        """Ramp linearly to `volts` over ramp_s and rest there for rest_s; time advances by both."""
         start = self.command_v
         for n in range(200):
             self.advance(ramp_s / 200, start + (volts - start) * (n + 1) / 200)

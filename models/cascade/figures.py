@@ -9,6 +9,7 @@ from dehyst.models.model import Model
 from dehyst.models.units import spell_unit
 
 POINTS = 400
+"""Points of each sweep over the drive range: the branches are resolved to a four-hundredth."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,8 @@ LOOPS = 2
 STANDSTILL_S = 1e9
 """Sampling period [s] long enough that the rate in the hysteresis is negligible."""
 REMANENCE = 0.2
-"""Largest distance of the loop from the zero of the de-energised stage, of the range."""
+"""Largest distance of the loop from the zero of the de-energised stage, as a fraction of the
+range."""
 
 
 @dataclass(frozen=True)

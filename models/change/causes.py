@@ -1,8 +1,8 @@
 """Determine how much of a recording a single change to the model in use explains.
 
-A stage that was right a minute ago has usually changed in one respect only. A diagnosis refits the
-loop's shape together with each cause, and a shape can absorb much of a cause. Here only the cause's
-parameters are fitted: each candidate of the library alone, around the model in use.
+A stage that matched its model a minute ago has usually changed in one respect only. A diagnosis
+refits the loop's shape together with each cause, and a shape can absorb much of a cause. Here only
+the cause's parameters are fitted: each candidate of the library alone, around the model in use.
 """
 
 from collections.abc import Sequence

@@ -83,8 +83,8 @@ def build_augmented_model(problem: Problem, fitted: JointFit) -> Model:
 
 
 def with_rows_early(model: Model, data: Data) -> Model:
-    """Return the model for recordings with readings that are rows early, as they were given: with a
-    lead."""
+    """Return the model for the recordings as they were given, whose readings are some rows early:
+    with a lead of these rows."""
     if not data.rows_early:
         return model
     ahead = lead("drive", data.rows_early * data.period)
@@ -93,8 +93,8 @@ def with_rows_early(model: Model, data: Data) -> Model:
 
 def state_fit(model: Model, data: Data, fit: Fit) -> Model:
     """Return the model with what it was fitted to: its errors, and how fast and how slow the drive
-    was. A model that states its errors keeps them; one that is not finite is not known. data: all
-    samples."""
+    was. A model that states its errors keeps them; an error that is not finite counts as not
+    known. data: all samples."""
     if model.fit.rms is not None:
         return model
     figures = (fit.rms, fit.holdout_rms, fit.noise_rms)
@@ -124,8 +124,8 @@ def is_within_reach(model: Model, data: Data) -> bool:
 
 
 def measure_difference_elsewhere(model: Model, other: Model, data: Data) -> float:
-    """Return the rms difference of two models, but for a constant, on slow loops of several sizes
-    all over the recorded range."""
+    """Return the rms difference of two models, apart from a constant, on slow loops of several
+    sizes throughout the recorded range."""
     u = make_comparison_drive(data.u_min, data.u_min + data.span, 0.0).u
 
     def play(one: Model) -> Floats:

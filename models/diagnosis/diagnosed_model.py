@@ -37,7 +37,7 @@ ROUNDS = 12  # Gauss-Newton steps of the plain fit
 UNRECORDED = 1e-8
 """Prior of neighbouring partial sums being equal, relative to the drive's power: 1e-4 of its range,
 less than any play that was recorded does."""
-PROBE_SAMPLES = 400
+PROBE_SAMPLES = 400  # of the inputs that show whether a block is linear
 BY_HEART = 5.0  # held-out rms over fit rms: above, the model predicts no other rows
 
 
@@ -253,8 +253,8 @@ def _fit_polynomial(
 def _solve_bounded(x: Floats, y: Floats, n: int, m: int) -> tuple[Floats, Floats]:
     """Return weights (n,) >= 0 and free coefficients (m,). x: the weights' columns, the
     coefficients' columns with both signs, then others. Neighbouring weights, which are partial sums
-    over the plays, are held to each other: where nothing was recorded of a play, it carries
-    nothing."""
+    over the plays, are pulled towards each other: a play of which nothing was recorded gets no
+    weight."""
     gram = x.T @ x
     between = np.diff(np.eye(n), axis=0)
     gram[:n, :n] += UNRECORDED * float(gram[:n, :n].sum()) * (between.T @ between)

@@ -15,8 +15,9 @@ Theta = tuple[float, ...]  # values of a candidate's nonlinear parameters
 
 @dataclass(frozen=True)
 class Span:
-    """The part of a recording from a time on, or until it: recording: index; at_s: in it; begins:
-    whether it is the part from then on. Other recordings are in it only with `others`."""
+    """The part of a recording from a given time on, or up to it. recording: index; at_s: the time
+    within it; begins: whether it is the part from then on. Other recordings are in it only with
+    `others`."""
 
     recording: int
     at_s: float
@@ -52,20 +53,20 @@ class LastingSpan(Span):
 
 @dataclass(frozen=True)
 class Effect:
-    """A candidate with the values of its nonlinear parameters. span: when it is there; None: all
-    the time."""
+    """A candidate with the values of its nonlinear parameters. span: when it is present; None:
+    always."""
 
     candidate: Candidate
     theta: tuple[float, ...] = ()
     span: Span | None = None
 
     def drive(self, data: Data, v: Floats) -> Floats:
-        """Return the drive (N,) after it."""
+        """Return the drive (N,) after the effect."""
         out = self.candidate.drive(data, v, self.theta)
         return out if self.span is None else np.where(self.span.rows(data), out, v)
 
     def output(self, data: Data, x: Floats) -> Floats:
-        """Return the columns (N, k) after it."""
+        """Return the columns (N, k) after the effect."""
         out = self.candidate.output(data, x, self.theta)
         return out if self.span is None else np.where(self.span.rows(data)[:, None], out, x)
 
@@ -75,7 +76,7 @@ class Effect:
         return out if self.span is None else out * self.span.rows(data)[:, None]
 
     def blocks(self, amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        """Return its blocks of a model: none, if it is there for part of the time."""
+        """Return its blocks for a model; none if it is present for only part of the time."""
         return self.candidate.blocks(self.theta, amplitudes, data) if self.span is None else ()
 
     @property

@@ -2,12 +2,12 @@
 everywhere.
 
 Groups of short time blocks are held out in turn, each predicted by weights that were fitted without
-it. The nonlinear parameters stay (a handful against thousands of samples).
+it. The nonlinear parameters are kept: they are a handful against thousands of samples.
 
 With x the effect's contribution and r the residual without it, both projected off everything else
 that is fitted, the amplitude over a group of samples is <x, r> / <x, x>; the fit makes it 1 over
-all of them. A real effect has 1 in every group; an effect that imitates an error of the base has
-amplitudes that scatter, and often the wrong sign in some recordings.
+all of them. A real effect has amplitude 1 in every group; an effect that imitates an error of the
+base has amplitudes that scatter, and often the wrong sign in some recordings.
 """
 
 from dataclasses import dataclass

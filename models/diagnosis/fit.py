@@ -38,17 +38,18 @@ from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
 Array = TypeVar("Array", Floats, Ints, Bools)
 
-STEPS = 4  # of the fit with a fixed design, after which the design is made again
+STEPS = 4  # of the fit with a fixed design, after which the design is rebuilt
 
 
 @dataclass
 class Problem:
     """Data, base and model in use of one diagnosis, with what the fits share.
 
-    several: how independent fits are run: `map`, or an executor's map to run some at once. around:
-    a fit with the same drive, about which the base is linearised: the base's columns are those of
-    that fit's effects, and new effects act on the output of its weights only. For effects as small
-    as the noise the error is of second order, and a fit need not rebuild the base's columns.
+    several: how independent fits are run: `map`, or an executor's map to run them in parallel.
+    around: a fit with the same drive, about which the base is linearised: the base's columns are
+    those of that fit's effects, and new effects act on the output of its weights only. For effects
+    as small as the noise the error is of second order, and a fit need not rebuild the base's
+    columns.
     """
 
     data: Data
@@ -79,8 +80,8 @@ class Problem:
 
     @cached_property
     def has_few_distinct_moments(self) -> bool:
-        """Whether the same of its moments: a rich base then gives each sample of a period a value
-        of its own."""
+        """Whether the drive is sampled at no more distinct moments of its path than a rich base has
+        columns: such a base then gives each sample of a period a value of its own."""
         return count_distinct_moments(self.data) <= rich_base(self.data).width
 
     @property

@@ -8,8 +8,8 @@ simulated on the rows that were left out. Nonlinear parameters stay: a handful a
 rows.
 
 A model describes the stage as it is at the end of the last recording. An effect that began within a
-recording and is still there at the end is written as one that is there all the time, and the models
-are judged on what was recorded while it was there.
+recording and is still present at the end is written as one that is present all the time, and the
+models are judged on what was recorded while it was present.
 """
 
 from collections.abc import Callable, Sequence
@@ -137,8 +137,8 @@ def make_held_out_groups(
     effects: Sequence[Effect] = (),
 ) -> HeldOutGroups:
     """Return the groups of a problem. drive: (N,) as it was recorded, on which models are
-    simulated; of_recordings: each recording is a group, however few there are; effects: the errors
-    are those on the rows at which all of these are there that are there at the end."""
+    simulated; of_recordings: each recording is a group, however few there are; effects: only rows
+    at which all those effects are present that are present at the end count."""
     data = problem.data
     data = replace(data, rows=data.rows & in_the_last_state(effects, data))
     shown = np.unique(data.rec[data.rows]).size
@@ -156,8 +156,8 @@ def _write(problem: Problem, fit: JointFit) -> Model:
 
 
 def _as_at_the_end(effects: Sequence[Effect], data: Data) -> tuple[Effect, ...]:
-    """Return the effects, those that are there at the end of the last recording as if they were
-    there all the time."""
+    """Return the effects; those that are present at the end of the last recording as if they were
+    present all the time."""
     return tuple(
         replace(e, span=None) if e.span is not None and e.span.rows(data)[-1] else e
         for e in effects
@@ -165,8 +165,8 @@ def _as_at_the_end(effects: Sequence[Effect], data: Data) -> tuple[Effect, ...]:
 
 
 def in_the_last_state(effects: Sequence[Effect], data: Data) -> Bools:
-    """Return (N,) the samples at which every effect is there that is there at the end of the last
-    recording."""
+    """Return (N,) True at the samples at which every effect is present that is present at the end
+    of the last recording."""
     out = np.ones(data.n, dtype=bool)
     for span in (e.span for e in effects):
         if span is not None and span.rows(data)[-1]:

@@ -47,7 +47,7 @@ def is_time_known(problem: Problem, effect: Effect) -> bool:
 
 
 def are_times_known(problem: Problem, fitted: JointFit) -> bool:
-    """Return whether the same holds of all effects of a fit."""
+    """Return whether the same holds for all effects of a fit."""
     return all(is_time_known(problem, effect) for effect in fitted.effects)
 
 

@@ -29,8 +29,8 @@ class JointFit:
         return data.y - self.prediction
 
     def without_rows(self) -> "JointFit":
-        """Return the fit without what it holds for each sample, to be reported only: its effects,
-        weights and the number of its columns stay."""
+        """Return the fit without its arrays over the samples, for reporting only: its effects, its
+        weights and the number of its columns are kept."""
         none = np.zeros(0)
         design = np.zeros((0, self.design.shape[1]))
         return replace(self, prediction=none, design=design, fixed=none, added=none)

@@ -9,10 +9,10 @@ from dehyst.models.model import Model
 from dehyst.models.signals.joined import Bools, Floats
 
 FORMAT = 2
-DIGITS = 6
+DIGITS = 6  # significant digits of the numbers in diagnosis.json
 
 Progress = Callable[[str, float], None]
-"""Called with what is done next, in words, and the share that is done."""
+"""Called with what is done next, in words, and the fraction of the work that is done."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,8 @@ class Limit:
 class FitView:
     """One recording for pictures; arrays (M,). base: the model in use; augmented: the augmented
     model; each as simulated, less its mean error; counted: samples that count; now: those of them
-    at which the stage was as the augmented model describes it, after what began meanwhile."""
+    at which the stage was as the augmented model describes it, after any effect that began within
+    the recordings."""
 
     name: str
     t_s: Floats

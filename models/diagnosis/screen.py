@@ -56,9 +56,10 @@ class Screen:
         self._set_residual(problem.data.y - current.prediction)
 
     def _with_heads_as_read(self, heads: Ints) -> dict[Any, Floats]:
-        """Return what is known with the stage standing where it was read until the drive's past is
-        known. What was fitted to other rows may be anything there, and lags and modes would carry
-        it on. An effect that lasts moves the stage there already, and would be counted twice."""
+        """Return `known` with the reading in place of the fitted displacement in the heads, where
+        the drive's past is unknown. What was fitted to other rows may be anything there, and lags
+        and modes would carry it on. Lasting effects are screened without this: the readings contain
+        them already, and they would be counted twice."""
         data, current = self.problem.data, self.current
         heads = heads[np.isfinite(data.y[heads])]
         way = tuple(e for e in current.effects if e.candidate.mode == "drive")
@@ -85,7 +86,7 @@ class Screen:
         return self.projected_rows(x[self.rows])
 
     def projected_rows(self, x: Floats) -> Floats:
-        """Return the same of x on the counted rows."""
+        """Return the same for an x that is given on the counted rows."""
         moment = (self._design.T @ x) / self._scale[:, None]
         x = x - self._design @ (cho_solve(self._factor, moment) / self._scale[:, None])
         return x - self._tangent @ (self._tangent.T @ x)

@@ -136,7 +136,7 @@ def _without_base_if_as_good(result: SearchResult, say: Progress) -> SearchResul
     start = SearchStart(alone, alone.solve([]), found.sigma)
     other = _find_known(start, say, ()).search
     if not other.accepted.effects or any(e.candidate.static for e in other.accepted.effects):
-        return result  # what resembles a loop of another shape is that as well
+        return result  # what resembles a loop of another shape may be one
     noise = found.sigma**2
     with_base = blockwise_held_out_error(problem, found.accepted) - noise
     without = blockwise_held_out_error(alone, other.accepted) - noise
@@ -228,8 +228,7 @@ def _find_with_few_moments(
     within = [c for c in list_candidates(problem.data) if c.driven and not c.lasting]
     unseen = [c.key for c in within if not c.late]
     over_rich = _search(search_start, say, (*forbidden, *(c.key for c in within)))
-    # a model that an effect may
-    # have distorted does not help if nothing corrects it
+    # a model that an effect may have distorted does not help if nothing corrects it
     own = replace(diagnosed, carries=diagnosed.given and diagnosed.carries)
     plain = search_start.with_problem(
         replace(problem, base=compact_base(problem.data), diagnosed=own)
@@ -273,8 +272,8 @@ def _search_fed(
 def _fed_otherwise(found: SearchState) -> SearchState:
     """Return the search's result with its lags and modes fed by steps in place of straight lines,
     or the reverse, if that leaves less. A hold is half a sample ahead of straight lines, and a
-    delay that was found has made up for that. Straight lines also cut the peaks of a smooth drive
-    off, and a hold next to another delay cuts less: the drive's smooth path is tried as well."""
+    delay that was found has compensated for that. Straight lines also cut off the peaks of a smooth
+    drive, and a hold with another delay cuts off less: the drive's smooth path is tried as well."""
     problem, sigma, effects = found.problem, found.sigma, found.accepted.effects
     if problem.data.early or all(e.candidate.mode == "columns" for e in effects):
         return found
@@ -301,9 +300,9 @@ def _fed_otherwise(found: SearchState) -> SearchState:
 
 
 def _with_hold(data: Data, effects: Sequence[Effect]) -> list[Effect]:
-    """Return the effects with a delay of one sample in place of what else is late: a drive that is
-    held after its sample is one sample behind one that is held until then. Empty where a delay is
-    known."""
+    """Return the effects with a delay of one sample in place of the other late ones: a drive whose
+    values are held from their sample on is one sample later than one whose values are held up to
+    their sample. Empty if nothing else remains, or if a delay was found already."""
     (delay,) = (c for c in list_candidates(data) if c.after(data.period, (0.0,)) != (0.0,))
     on_time = [e for e in effects if not e.candidate.late]
     if not on_time or any(e.candidate.key == delay.key for e in effects):

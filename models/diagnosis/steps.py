@@ -47,11 +47,11 @@ def diagnose(
     """Find the physics that the model in use leaves out.
 
     recordings: of one stage, with displacement. model: the model in use; None: the plain modified
-    Prandtl-Ishlinskii model is identified here. progress(text, fraction) is called now and then.
-    several: how candidates are tried: `map`, or the map of a thread pool, each thread of which
-    needs memory for a design matrix of all samples. with_limits: whether to compute what would have
-    been seen, which takes about half of the time. Raises BadRecording where the recordings cannot
-    be diagnosed, BadInput where the model cannot be run on them.
+    Prandtl-Ishlinskii model is identified here. progress(text, fraction) is called from time to
+    time. several: how candidates are tried: `map`, or the map of a thread pool, each thread of
+    which needs memory for a design matrix of all samples. with_limits: whether to compute what
+    would have been seen, which takes about half of the time. Raises BadRecording where the
+    recordings cannot be diagnosed, BadInput where the model cannot be run on them.
     """
     say = progress or (lambda text, fraction: None)
     prepared = join_recordings(recordings, model, say)
@@ -77,8 +77,8 @@ def diagnose(
 
 def _is_mostly_named(findings: Sequence[Finding]) -> bool:
     """Return whether effects of the library explain all but a minor part of the misfit: then a
-    recording that the model in use does not predict is the one that shows them. Another stage's
-    leaves more (friction may explain 0.7 of it)."""
+    recording that the model in use does not predict is the one that shows them. A recording of
+    another stage leaves more (friction may explain 0.7 of it)."""
     named = sum(f.share for f in findings if f.name not in ("shape", "unknown"))
     return named >= 1.0 - TUNING.minor
 

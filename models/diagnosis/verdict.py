@@ -58,8 +58,8 @@ class Judged:
 @dataclass(frozen=True)
 class _Weighed:
     """One evaluation of the effects found. residual: (N,) what the findings leave; left: its rms
-    beyond the noise; removed: mean square of a line of part of the time, which the findings contain
-    and no model does; noise: rms."""
+    beyond the noise; removed: mean square of a line that is present for part of the time, which the
+    findings contain and no model does; noise: rms."""
 
     found: SearchState
     conclusion: Conclusion
@@ -168,8 +168,8 @@ def _refuted(found: SearchState, written: WrittenModel) -> set[str]:
 
 
 def _is_needless(finding: Finding, written: WrittenModel, noise: float) -> bool:
-    """Return whether the written model, which is without it, leaves less than half of what the
-    effect is said to explain. noise: rms."""
+    """Return whether the written model, which does not contain it, leaves less than half of what
+    the effect is said to explain. noise: rms."""
     before, left = (
         max(held.mean_square - noise**2, 0.0) for held in (written.held_in_use, written.held)
     )

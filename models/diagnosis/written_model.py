@@ -38,9 +38,9 @@ from dehyst.models.signals.joined import Bools, Data
 from dehyst.models.signals.pasts import FRESH
 
 MOST_ELSEWHERE = 2.0
-"""Largest uncertainty of an explained misfit on another drive [noises rms], by leaving out parts of
-the recordings. The drive of this comparison asks for more than most do: turns of any size at any
-place; models that predict to half a noise reach 1.6."""
+"""Largest uncertainty on another drive at which a misfit counts as explained [noise rms], estimated
+by leaving out parts of the recordings. The drive of this comparison is more demanding than most:
+turns of any size at any place; models that predict to within half the noise rms reach 1.6."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,8 @@ class WrittenModel:
         return self.elsewhere <= MOST_ELSEWHERE * noise
 
     def holds_in_each_alone(self, noise: float) -> bool:
-        """Return whether the same holds of each of two recordings when fitted to the other. Half of
-        the rows were fitted, so twice as much may be left."""
+        """Return whether the same holds for each of two recordings when fitted to the other. Half
+        of the rows were fitted, so twice as much may be left."""
         return self.alone is None or self.alone <= (1.0 + 2.0 * TUNING.half) * noise**2
 
 
@@ -111,7 +111,7 @@ def choose_written_model(
     in_use = held_out.held_out_errors(lambda here: in_use_model)
     best, chosen = WrittenModel(in_use_model, in_use, in_use), None
     noise = (TUNING.trace * sigma) ** 2
-    bounded = is_within_reach(in_use_model, data)  # else no other can be asked to be
+    bounded = is_within_reach(in_use_model, data)  # else it is not required of others
     if not final.effects and not problem.base.width:
         return best
 
@@ -129,7 +129,7 @@ def choose_written_model(
             known = bare.diagnosed.dynamic or in_use_model
             elsewhere = measure_difference_elsewhere(model, known, data)
             if elsewhere**2 > TUNING.near**2 * in_use.mean_square:
-                return None  # it goes on where this waveform has not been
+                return None  # it differs where this waveform has not been
         if held.worsens(in_use, TUNING.strong * sigma):
             return None
         return WrittenModel(model, held, in_use, choice.contains, choice.shape, gained=True)
@@ -146,7 +146,7 @@ def choose_written_model(
             break
     if chosen is not None:
         best = replace(best, elsewhere=_jackknife_elsewhere(chosen, held_out.groups, best.model))
-    # what began before a recording is another in each, which blocks of time left out do not show
+    # what began before a recording differs in each, which blocks of time left out do not show
     if chosen is not None and len(data.names) == 2 and any(e.candidate.past for e in final.effects):
         each = make_held_out_groups(problem, bare.data.u, True, final.effects)
         try:
@@ -190,15 +190,15 @@ def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[Writa
     if not problem.base.width or problem.is_single_loop:
         return  # one loop does not show another's shape, whichever of its rows are left out
     if problem.has_few_distinct_places and not any(e.candidate.driven for e in effects):
-        return  # nor do a few places of a path that is run through again and again
-    if _is_fitted_pointwise(problem):  # a base of few columns goes on between the places
+        return  # nor do a few places of a path that is repeated
+    if _is_fitted_pointwise(problem):  # a base of few columns interpolates between them
         problem = replace(problem, base=compact_base(problem.data))
         final = problem.refit(effects)
     output = problem.output_of(final)
     if effects and not problem.diagnosed.given:
         yield Refitted(problem, final, False)
     if is_one_period(problem.data):
-        return  # nor do loops of several sizes show what those around other places are like
+        return  # nor do loops of several sizes show those around other places
     lightly = add_model_prior(problem, TUNING.leanings[0])
     stiffly = (replace(lightly, stiffness=stiffness) for stiffness in TUNING.stiffnesses)
     heavily = (add_model_prior(problem, weight) for weight in TUNING.leanings[1:])

@@ -19,7 +19,7 @@ from dehyst.models.physics import PHYSICS
 from dehyst.models.physics.entry import OTHER_AXIS, TEMPERATURE, Scales
 from dehyst.models.recording import Floats
 
-PLAYS = 10
+PLAYS = 10  # operators of the base that is refitted with the rival
 EFFECTS = {name: one for p in PHYSICS.values() for name, one in p.specimens.items()}
 
 

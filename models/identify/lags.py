@@ -1,9 +1,9 @@
 """Find which linear dynamics, if any, a recording needs in addition to its hysteresis.
 
-A lag changes every term of the model, so each trial makes its equations again, with few operators
-and few rows. A shift by a fraction of a sample is searched with narrow operators free, because
-these show it best; a longer lag or delay with all of them bounded, because free operators would
-imitate its effect: a reading that continues after the drive has turned.
+A lag changes every term of the model, so each trial rebuilds its equations, with few operators and
+few rows. A shift by a fraction of a sample is searched with narrow operators free, because these
+show it best; a longer lag or delay with all of them bounded, because free operators would imitate
+its effect: a reading that continues after the drive has turned.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ from dehyst.models.physics.dynamics import DELAY, LAG, SECOND, Dynamics
 from dehyst.models.recording import Bools, Floats
 
 PLACES = ("drive", "sensor")
-GOLDEN = (3.0 - 5.0**0.5) / 2.0
+GOLDEN = (3.0 - 5.0**0.5) / 2.0  # smaller part of a golden section
 DELAYS = (0.5, 1.5, 5.0, 15.0)  # sampling periods
 LAGS = (0.5, 3.0, 12.0, 40.0, 120.0, 360.0)  # sampling periods
 
@@ -244,8 +244,8 @@ class LagSearch:
 
 
 def _find_mean_rate(one: Rows) -> float:
-    """Return the way of a drive over its duration [drive unit/s]: that of a drive in steps is what
-    its rests show, not the slope of its edges."""
+    """Return the total travel of a drive over its duration [drive unit/s]: for a drive in steps
+    this is the rate at which its levels change, not the slope of its edges."""
     known = ~np.isnan(one.u)
     way = float(np.abs(np.diff(one.u[known])).sum())
     return max(way, 1e-300) / float(np.ptp(one.t_s[known]))

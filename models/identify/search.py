@@ -180,8 +180,8 @@ class Search:
         each period of the drive with its own offset. With one period, a drift, or a change of size
         in a stage of another class, looks like a lag or a rate-dependence. So does creep, which
         trails by the same part of a period at every rate; it also goes on after each change of
-        size, so that a lag as short does not explain all. Many recordings are trusted, as each has
-        its own offset already."""
+        size, so that an equally short lag does not explain all of it. The result from many
+        recordings is accepted without this test, as each has its own offset already."""
         if 2 * len(self.setup.rows) > MOST_PERIODS:
             return True
 
@@ -242,8 +242,8 @@ class Search:
 
     def _find_lags(self, tried: Sequence[TriedStructure]) -> list[TriedStructure]:
         """Return candidates with linear dynamics if the drive has a rate; none for a rate-dependent
-        structure that predicts far worse than the best. A static one may do so for want of a lag,
-        which weights that depend on the rate imitate where the drive has two rates."""
+        structure that predicts far worse than the best. A static one may do so because it lacks a
+        lag, which rate-dependent weights imitate if the drive has two rates."""
         out: list[TriedStructure] = []
         least = min(c.held_rms for c in tried)
         for best in self._bests(tried):
@@ -356,9 +356,9 @@ TRAILS = 0.25 * 0.08 / math.log(10.0)
 """Part of a period by which creep of 8 % a decade, as strong as a piezo's may be, trails: an angle
 of (pi / 2) 0.08 / ln 10, over the 2 pi of a turn."""
 FEWEST_PERIODS = 6
-"""Least number of periods of which offsets show a straight drift, and not a chance."""
+"""Least number of periods whose offsets show a straight drift and not chance."""
 MOST_PERIODS = 100
-"""Largest number of offsets: of more periods, several share one."""
+"""Largest number of offsets: if there are more periods, several share one."""
 
 
 def _number_periods(rows: Sequence[Rows], period_s: float) -> tuple[list[Ints], int]:

@@ -54,12 +54,12 @@ INNER = (0.02, 0.98)
 class FitSetup:
     """The setup that all candidates share.
 
-    picks: rows of each recording that are used as equations; sign: of the displacement by the
-    drive; limits: lowest and highest slope allowed, or None; slope: the mean slope; rate_max,
-    acceleration_max: largest rate of the drive and largest change of the rate; period_s: the
-    longest sampling period; virgin: at least one recording begins de-energised; folds: number of
-    folds; running: offset for a drive that comes from far away, or None; by_turns: after a turn, a
-    slope is bounded up to the rate that the drive can have there, not up to the largest rate.
+    picks: rows of each recording that are used as equations; sign: of the displacement's change
+    with the drive; limits: lowest and highest slope allowed, or None; slope: the mean slope;
+    rate_max, acceleration_max: largest rate of the drive and largest change of the rate; period_s:
+    the longest sampling period; virgin: at least one recording begins de-energised; folds: number
+    of folds; running: offset for a drive that comes from far away, or None; by_turns: after a turn,
+    a slope is bounded up to the rate that the drive can have there, not up to the largest rate.
     """
 
     rows: Sequence[Rows]
@@ -237,9 +237,10 @@ class FitSetup:
         """Return the setup without the rows of lone wild readings, and the number of these rows.
 
         A reading is wild if its residual is far from those of its neighbours, on the same side of
-        both, while the displacement itself jumps and the drive does not; or by more than a
-        twentieth of the range from those around it, alone or with its neighbour. Misfit is not
-        wild: there the model jumps, or neither does, or the stage rings, or follows an edge late.
+        both, while the displacement itself jumps and the drive does not; or if it differs by more
+        than a twentieth of the range from those around it, alone or together with that of a
+        neighbour. Misfit is not taken for wild readings: there the model jumps, or neither does, or
+        the stage rings, or follows an edge late.
         """
         picks, count = [], 0
         left = [np.abs(measure_jumps(e)) for e in residuals]

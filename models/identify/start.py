@@ -29,7 +29,7 @@ from dehyst.models.recording import Floats
 from dehyst.models.signals.filters import add_relaxation
 from dehyst.models.signals.rounding import quantum
 
-POWERS = (0, 2, 3)
+POWERS = (0, 2, 3)  # of z, in addition to the first
 FAST = (0.5, 1.3, 3.2, 8.0)  # sampling periods: time constants that represent lags and leads
 SLOWEST = 3.0  # times the recording's length: the slowest time constant of creep
 CREEPS = 3  # groups of relaxations that represent creep

@@ -29,6 +29,7 @@ from dehyst.models.recording import Bools, Floats
 
 ODD = ((0,), (0, 3), (0, 3, 5), (0, 3, 5, 7))
 FULL = ((0, 2), (0, 2, 3), (0, 2, 3, 4), (0, 2, 3, 4, 5))
+"""Powers of z that a saturation may have in addition to the first: a constant, and odd or all."""
 
 
 def list_shapes(rate: bool | None, saturation: int | None, bias: bool | None) -> list[Shape]:
@@ -53,10 +54,10 @@ def list_shapes(rate: bool | None, saturation: int | None, bias: bool | None) ->
 class TriedStructure:
     """One candidate structure and its scores.
 
-    held: (pieces,) misfit of each stretch, predicted without it, over sizes: (pieces,) its rows;
-    fitted: (pieces,) misfit of each stretch in the fit to all; strength: of the prior; params:
-    fitted to all stretches; lag: linear dynamics; loose: narrow operators were not bounded;
-    superseded: the fit shows a shift in time that this candidate lacks.
+    held: (pieces,) sum of squares of each stretch when predicted without it; sizes: (pieces,) rows
+    of each; fitted: (pieces,) sum of squares of each stretch in the fit to all; strength: of the
+    prior; params: fitted to all stretches; lag: linear dynamics; loose: narrow operators were not
+    bounded; superseded: the fit shows a shift in time that this candidate lacks.
     """
 
     shape: Shape

@@ -26,9 +26,10 @@ LARGEST_LEVERAGE = 0.99
 determines a parameter."""
 
 MANY, FARTHEST, PLAINLY = 100, 8, 0.7
-"""Differences of which medians are compared, samples that are at most apart for that (one of eight
-multiples of any period is within a ninth of it of a whole one), and the ratio of medians that
-chance does not give white noise."""
+"""Least number of differences for medians to be compared; largest distance in samples between which
+differences are taken (one of the distances from 1 to 8 is within a ninth of a period of a whole
+number of periods, whatever the period); and the ratio of medians that white noise does not reach by
+chance."""
 OUTLYING = 6.0
 """Standard deviations of the noise beyond which a difference belongs to an outlier."""
 
@@ -50,10 +51,10 @@ def estimate_noise(residual: Floats, step: float = 0.0) -> float:
     From second differences, var(e[i-1] - 2 e[i] + e[i+1]) = 6 var(e) for white noise, by the
     median, so that lone outliers do not count. A line of hum that has few samples to a period
     changes from sample to sample too, but hardly over a whole number of its periods: where the
-    differences of samples further apart are plainly smaller, these are taken. Where the reading is
-    rounded to steps larger than that, the median is one of a few multiples of the step: then by the
-    rms, and never less than the rms of the rounding. Noise that a filter has smoothed is
-    underestimated; NaN when fewer than ten triples are known.
+    differences of samples further apart are plainly smaller, these are used. Where the reading is
+    rounded to steps larger than that noise, the median is one of a few multiples of the step: then
+    the rms is used, and the result is never less than the rms of the rounding. Noise that a filter
+    has smoothed is underestimated; NaN when fewer than ten triples are known.
     """
     second = _difference_twice(residual, 1)
     if second.size < 10:
@@ -75,7 +76,7 @@ def _typical(second: Floats) -> float:
 
 
 def _difference_twice(residual: Floats, apart: int) -> Floats:
-    """Return the second differences that are known, of samples so many rows apart."""
+    """Return the known second differences of samples that are `apart` rows apart."""
     if residual.size > LONG:  # parts of it are sufficient
         parts = np.array_split(residual, PARTS)
         residual = np.concatenate([part[: LONG // PARTS] for part in parts])

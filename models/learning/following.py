@@ -1,4 +1,4 @@
-"""Check that the error follows the correction as it does with a right gauge and a right model.
+"""Check that the error follows the correction as it does with a correct gauge and a correct model.
 
 A gauge that reads G times the position reports the error (G - 1) r while the stage is at the target
 r, and its reading follows a correction by the factor G; learning would then add that false error to

@@ -1,11 +1,11 @@
 """Estimate the stage's position where the filter of its gauge lags.
 
 Each step of the output makes a stage ring, and a reading taken soon after it shows the ringing
-late. A first-order filter with the time constant tau reads r with tau dr/dt + r = x, so the stage
-is at x = r + tau dr/dt, and the rate of the reading is needed at the time when it is taken. One
-reading per period does not show that rate. But the time between steps and readings varies a little
-at random from pass to pass, and the reading varies with it, in proportion to its rate. Let v_j be
-the step of the output j periods ago, and d_j how much longer ago it was than on average. Then
+late. A first-order filter with time constant tau reads r with tau dr/dt + r = x, so the stage is at
+x = r + tau dr/dt, and the rate of the reading is needed at the time when it is taken. One reading
+per period does not show that rate. But the time between steps and readings varies a little at
+random from pass to pass, and the reading varies with it, in proportion to its rate. Let v_j be the
+step of the output j periods ago, and d_j how much longer ago it was than on average. Then
 
     reading - its mean at this place of the pass = sum_j g_j v_j d_j,      dr/dt = sum_j g_j v_j,
 

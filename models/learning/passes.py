@@ -1,8 +1,8 @@
 """Learn the repeating error from pass to pass (iterative learning control).
 
-A trajectory is played again and again. The error of pass k is e_k = d + P u_k + noise, with u_k
-the correction of the targets in force, d the error that repeats in each pass, and P close to 1,
-because the inverse compensates the stage's dynamics. So D_k = e_k - u_k is an observation of d, and
+A trajectory is played repeatedly. The error of pass k is e_k = d + P u_k + noise, with u_k the
+correction of the targets in force, d the error that repeats in each pass, and P close to 1, because
+the inverse compensates the stage's dynamics. So D_k = e_k - u_k is an observation of d, and
 
     d_k = d_(k-1) + a_k (D_k - d_(k-1)),      u_(k+1) = -W_k d_k,
 

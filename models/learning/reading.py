@@ -7,7 +7,7 @@ from dehyst.models.physics import KINDS
 
 
 def expected_reading(model: Model, target: Floats, period_s: float) -> Floats:
-    """Return (n,) readings of a pass (n,) that is played again and again: the target after the lag,
+    """Return (n,) readings of a pass (n,) that is played repeatedly: the target after the lag,
     delay and other sensor blocks of the model. A model without sensor blocks predicts the target
     itself; the lag of a late gauge is then learned as an error."""
     seen = np.concatenate([target, target])

@@ -145,8 +145,8 @@ class Candidate:
         return ""
 
     def is_possible_with(self, amplitudes: Floats, companion: Sequence[float], data: Data) -> bool:
-        """Return whether these amplitudes are possible beside the fitted parameters of the required
-        companion; (): its fit is no better than none."""
+        """Return whether these amplitudes are possible together with the fitted parameters of the
+        required companion; (): its fit is no better than none."""
         return True
 
     def scaled(self, theta: Sequence[float], amount: float) -> tuple[float, ...]:
@@ -165,8 +165,8 @@ class Candidate:
         return tuple(theta)
 
     def after(self, ahead_s: float, theta: Sequence[float]) -> tuple[float, ...]:
-        """Return the values with which it makes up for other effects that come this much earlier
-        [s]."""
+        """Return the values at which this effect compensates for other effects that act `ahead_s`
+        earlier [s]."""
         return tuple(theta)
 
     def add_mode(self, theta: Sequence[float], data: Data, residual: Floats) -> tuple[float, ...]:

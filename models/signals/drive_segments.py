@@ -52,8 +52,8 @@ def count_reversing_segments(
 
 
 FAR_TURN, FARTHEST = 0.2, 0.15
-"""Of a turn at which jumps are looked for: least way that follows, and largest way within which the
-drive has to be read, as fractions of its range."""
+"""Of a turn at which jumps are looked for: least travel that follows it, and largest travel up to
+the row that is read right after it, as fractions of the drive's range."""
 
 
 def find_jumps_at_turns(u: Floats, y: Floats, way: float) -> Floats:

@@ -8,11 +8,11 @@ from dehyst.models.recording import Floats
 FEWEST_BLOCKS = 40
 """Least number of blocks of which changes are compared."""
 SURE = 30.0
-"""Explained share of the power of the changes times their number, above which it is no chance:
+"""Explained share of the power of the changes times their number, above which it is not chance: a
 chi-square with two degrees of freedom exceeds it once in three million."""
 
 LEAST = 0.05
-"""Least share that counts: of a smooth relaxation over many periods a sine explains less."""
+"""Least share that counts: a sine explains less of a smooth relaxation over many periods."""
 
 
 def follows_changes(u: Floats, y: Floats) -> bool:

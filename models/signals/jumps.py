@@ -1,4 +1,4 @@
-"""Find jumps of a reading that its drive does not make: stick-slip, or a switching hysteresis."""
+"""Find jumps of a reading that the drive does not make: stick-slip, or a switching hysteresis."""
 
 import numpy as np
 
@@ -13,14 +13,14 @@ SIGMAS = 6.0
 LEAST = 0.025
 """Least size of a jump, as a fraction of the range: a plane of few relays has smaller ones."""
 EVEN = 0.3
-"""Largest share of its way that a drive may make in the fastest twentieth of its rows: 0.16 for a
-sine, 0.05 for a triangle. After a quick ramp of the drive a late reading jumps."""
+"""Largest share of its travel that a drive may make in the fastest twentieth of its rows: 0.16 for
+a sine, 0.05 for a triangle. After a quick ramp of the drive a late reading jumps."""
 
 
 def measure_share_in_jumps(u: Floats, y: Floats) -> tuple[float, int]:
-    """Return the share of its way that a reading makes in jumps, each along the direction of the
-    drive, and their number; (0, 0) if they go either way, as hum and outliers do. u, y: (N,)
-    without gaps. Readings that repeat exactly are taken once, as a slow gauge holds them."""
+    """Return the share of its travel that a reading makes in jumps, each in the direction of the
+    drive, and their number; (0, 0) if they go in both directions, as hum and outliers do. u, y:
+    (N,) without gaps. Readings that repeat exactly are taken once, as a slow gauge holds them."""
     fresh = np.flatnonzero(np.concatenate([[True], np.diff(y) != 0.0]))
     u, y = u[fresh], y[fresh]
     if u.size < 8 or not np.ptp(u) or not np.ptp(y):

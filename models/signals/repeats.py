@@ -33,8 +33,8 @@ def find_repeats(y: Floats, drive: Floats) -> tuple[Bools, Bools]:
 
 
 def repeated_readings(y: Floats, drive: Floats) -> Bools:
-    """Return (N,) True where a row repeats the previous row's reading; all False if that is no
-    rule.
+    """Return (N,) True where a row repeats the previous row's reading; all False if repeats are not
+    the rule.
 
     y, drive: (N,), NaN where missing. A gauge polled too fast repeats each reading about equally
     often, also while the drive moves, and the next reading differs by noise, also while the drive
@@ -66,9 +66,9 @@ def irregular_repeats(y: Floats, drive: Floats) -> Bools:
     """Return (N,) True where a row repeats the previous row's reading, at whatever intervals; all
     False where that may be chance or the stage's own rest.
 
-    y, drive: (N,), NaN where missing. A gauge that resolves its noise gives the same reading twice
-    as seldom as one that differs by a single step. A noise-free reading stays while the drive is
-    constant, and at turns, as behind a dead zone or at the amplifier's limit.
+    y, drive: (N,), NaN where missing. A gauge that resolves its noise repeats a reading no more
+    often than it changes by a single step. A noise-free reading stays while the drive is constant,
+    and at turns, as after a dead zone or at the amplifier's limit.
     """
     out = np.zeros(y.size, dtype=bool)
     rows = np.flatnonzero(np.isfinite(y) & np.isfinite(drive))

@@ -16,7 +16,7 @@ _FIELD = re.compile(
     re.IGNORECASE,
 )
 _LISTED = re.compile(r"\s*[\[(](?=[^\])]*[,;])(.*)[\])],?\s*")
-"""A line that is a list of Python."""
+"""A line that is a Python list."""
 _WITH_UNIT = re.compile(
     r"\s*([-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:e[-+]?\d+)?)\s?([^\W\d_]{1,8}|°C?|%)\s*", re.IGNORECASE
 )
@@ -24,9 +24,9 @@ LEAST_ROWS = 3
 
 
 def bare_numbers(lines: Sequence[str], places: Sequence[int]) -> list[str] | None:
-    """Return the lines of a text with the names and units that its fields repeat in two lines above
-    the rows, each in place of nothing; None if its fields are none of that kind, or differ from row
-    to row, as in "999 mV" and "1.2 V". places: of the lines that are not empty."""
+    """Return the lines of a text without the names and units that its fields repeat, which are then
+    in two lines above the rows; None if its fields repeat none, or differ from row to row, as in
+    "999 mV" and "1.2 V". places: of the lines that are not empty."""
     for separator in (";", "\t", ",", None):
         first = next((k for k in range(len(places)) if _split(lines[places[k]], separator)), None)
         if first is None or len(places) - first < LEAST_ROWS:
@@ -80,8 +80,8 @@ def without_units(
 
 
 def unit_behind(cell: str) -> str:
-    """Return the unit behind the number in a field, "" if there is none, or a letter that may also
-    be a prefix: "706.9m"."""
+    """Return the unit after the number in a field; "" if there is none, or only a letter that may
+    also be a prefix: "706.9m"."""
     found = _WITH_UNIT.fullmatch(cell)
     if found is None or _is_number(cell) or found[2].lower() in LETTERS:
         return ""
@@ -89,7 +89,8 @@ def unit_behind(cell: str) -> str:
 
 
 def _split(line: str, separator: str | None) -> list[re.Match[str]]:
-    """Return the fields of a line, [] if one is no number with a name or a unit."""
+    """Return the fields of a line, [] if one of them is not a number, with or without name and
+    unit."""
     listed = _LISTED.fullmatch(line)
     fields = [_FIELD.fullmatch(cell) for cell in (listed[1] if listed else line).split(separator)]
     found = [field for field in fields if field is not None]
@@ -99,9 +100,9 @@ def _split(line: str, separator: str | None) -> list[re.Match[str]]:
 def without_words(
     lines: Sequence[str], places: Sequence[int], split: Callable[[str], list[str]], separator: str
 ) -> list[str] | None:
-    """Return the lines of a table in which columns of words are empty, where words are as many as
-    numbers or more, such as a status beside each channel; None if they are no table of at least two
-    columns of numbers. places: of the lines that are not empty."""
+    """Return the lines of a table with its columns of words emptied, such as the status next to
+    each channel; None if it has no such columns, or fewer than two columns of numbers. places: of
+    the lines that are not empty."""
     rows = [split(lines[i]) for i in places]
     sizes = [len(row) for row in rows]
     width = max(set(sizes), key=sizes.count)
@@ -123,8 +124,7 @@ def without_words(
 
 
 def _join(cells: Sequence[str], separator: str) -> str:
-    """Return the line of these fields, with quotes around those that hold the separator. separator:
-    "" for blanks."""
+    """Join fields to a line, with quotes around those that contain the separator ("": blanks)."""
     quoted = [f'"{cell}"' if separator and separator in cell else cell for cell in cells]
     return (separator or " ").join(quoted)
 

@@ -1,4 +1,5 @@
-"""Find what a file states beside its arrays: names and units of their columns, and the period."""
+"""Find what a file states in addition to its arrays: names and units of their columns, and the
+period."""
 
 import math
 import re
@@ -24,7 +25,8 @@ FACTOR_FIELDS = {
     "conversion", "conversionfactor", "calibration", "calibrationfactor", "cal", "sensitivity",
     "slope", "lsb", "yinc", "yincrement",
 }  # fmt: skip
-"""Names, without "_", of a number that the numbers beside it may still have to be multiplied by."""
+"""Names, without "_", of a factor by which the numbers next to it may still have to be
+multiplied."""
 APPLIED = ("scale_factor", "add_offset")
 """Attributes of the CF conventions, which the reader applies."""
 _FACTOR_IN_WORDS = re.compile(
@@ -60,15 +62,15 @@ _OF_SIGNAL = re.compile(
     rf"|(?<![\w:.])1 ?: ?\d{{2,}}(?![\w:.])|(?:times|reduced by) {_N}",
     re.IGNORECASE,
 )
-"""A factor behind the name of the drive, its amplifier or the displacement: "HV amp: 15x"."""
+"""A factor after the name of the drive, its amplifier or the displacement: "HV amp: 15x"."""
 _NUMBERS = re.compile(r"\d+(?:[.,]\d+)?(?:e[-+]?\d+)?", re.IGNORECASE)
 _REPEATED = re.compile(
     r"averag|cycl|repe|sampl|decim|zykl|mittel|sweep|runs|pass|loops|ramp|triang|sine|wave|burst|step",
     re.IGNORECASE,
 )
-"""Words of what is done several times, whose number is no factor."""
+"""Words for what is done several times; a number next to one is a count, not a factor."""
 _OF_DISPLAY = re.compile(r"[mkuµμ]?V(?:olts?)? ?(?:/|per) ?div", re.IGNORECASE)
-"""The scale of an oscilloscope's screen, which its numbers are not in."""
+"""The scale of an oscilloscope's screen, which is not the unit of the numbers."""
 LABEL_FIELDS = ("label", "name", "title", "long_name")
 LONGEST_LABEL = 60
 _LISTS_NAMES = re.compile(
@@ -84,23 +86,24 @@ _OF_TIME = re.compile(
     rf"{_BEGINS.pattern}|rate|freq|period|interval|time|inc|delta|d[tx]|[ft]s|abtast|samples|unit",
     re.IGNORECASE,
 )
-"""What is in the name of a note that may state a period or a beginning, or its unit."""
+"""Parts of the names of notes that may state a period or a beginning, or its unit."""
 _PORT = re.compile(r"(?:In|Out)\d*")
-"""The last part of a signal's name in a block diagram that says nothing."""
+"""The last part of a signal's name in a block diagram, if that part says nothing."""
 
 
 def group_of(heading: str) -> str:
-    """Return the path in front of the last name, with its mark: "rec.drive." of "rec.drive.x"."""
+    """Return the path in front of the last name, with its separator: "rec.drive." of
+    "rec.drive.x"."""
     return re.sub(r"[^/.]+$", "", heading)
 
 
 def names_beside(
     stem: str, width: int, lists: Mapping[str, Sequence[str]]
 ) -> tuple[Sequence[str], Sequence[str]]:
-    """Return (names, units) of an array's columns out of the lists of texts beside it: a list that
-    is called one of names and has one text for each column, and a list of units; () where there is
-    none, or several that differ and none of which belongs to the array by its own name. stem: the
-    array's name."""
+    """Return (names, units) of an array's columns, from the lists of texts next to it: a list that
+    is called one of names and has one text per column, and a list of units; () if there is none, or
+    if there are several that differ and none belongs to the array by its name. stem: the array's
+    name."""
     fitting = {key: list(texts) for key, texts in lists.items() if len(texts) == width > 1}
     units = {key: texts for key, texts in fitting.items() if _lists_units(texts)}
     names = {key: texts for key, texts in fitting.items() if key not in units}
@@ -109,8 +112,9 @@ def names_beside(
 
 
 def unit_in_lists(heading: str, lists: Mapping[str, Sequence[str]]) -> str:
-    """Return the unit of a column out of a list of units beside one of names that holds its own, in
-    its group or one within it, as MATLAB keeps those of a table; "" if there is none."""
+    """Return the unit of a column from a list of units next to a list of names that contains the
+    column's name, in its group or one within it, as MATLAB stores those of a table; "" if there is
+    none."""
     group = group_of(heading)
     found = {
         units[names.index(heading[len(group) :])]
@@ -130,7 +134,7 @@ def _lists_units(texts: Sequence[str]) -> bool:
 
 
 def _one_of(stem: str, lists: Mapping[str, Sequence[str]]) -> Sequence[str]:
-    """Return the list to use: the only one, or that whose name begins as the array's does."""
+    """Return the list to use: the only one, or the one whose name begins like the array's."""
     alike = {key: _alike(key.lower(), stem.lower()) for key in lists}
     best = [texts for key, texts in lists.items() if alike[key] == max(alike.values())]
     return best[0] if best and all(texts == best[0] for texts in best) else ()
@@ -152,7 +156,7 @@ def name_columns(columns: Sequence[Column], names: Sequence[str], units: Sequenc
 
 
 def unit_beside(heading: str, notes: Mapping[str, str]) -> str:
-    """Return the unit that a file states beside an array, "" if it states none: "units.drive" or
+    """Return the unit that a file states for an array, "" if it states none: "units.drive" or
     "drive_unit" for "drive", "rec.drive.unit" or "signals.0.label" ("Drive [mV]") for
     "rec.drive.data". The unit of a structure is not that of the times in it."""
     if unit := _own_unit(heading, notes):
@@ -184,7 +188,8 @@ def wave_beside(name: str, notes: Mapping[str, str]) -> tuple[float, float] | No
 
 def period_of_all(notes: Mapping[str, str], names: Sequence[str]) -> tuple[float, bool]:
     """Return the sampling period [s] that a file states for all arrays, or else for any of them, 0
-    if none is stated, or two contradict each other; and whether it is that of some only."""
+    if none is stated, or if two contradict each other; and whether it holds for some of them
+    only."""
     fronts = tuple({front for name in names for front in _fronts(name)})
     general = {key: text for key, text in notes.items() if not key.startswith(fronts)}
     period = period_in(general)
@@ -192,7 +197,7 @@ def period_of_all(notes: Mapping[str, str], names: Sequence[str]) -> tuple[float
 
 
 def _fronts(name: str) -> list[str]:
-    """Return what the names of notes begin with that belong to one array, its own first."""
+    """Return the prefixes of the notes that belong to one array, its own name first."""
     group = group_of(name).rstrip("/.")  # of which HDF5 has attributes: "group.rate"
     fronts = (f"{name}.", f"{name}/", f"{name}_", f"{group}.", f"{group}/")
     return [front for front in fronts if front[1:]]

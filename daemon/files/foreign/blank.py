@@ -1,4 +1,4 @@
-"""Stop at a column that is named as the drive or the displacement and holds no number."""
+"""Refuse a file whose column for the drive or the displacement holds no number."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,5 +1,5 @@
-"""The times of rows that the file does not give a time each: from a rate, and from a counter of
-samples where rows were lost; and what else the file states of the pace of its rows."""
+"""The times of rows for which the file gives none: from a rate, and from a counter of samples if
+rows were lost; and what else the file states about the pace of its rows."""
 
 import math
 import re
@@ -33,7 +33,7 @@ _PACE = re.compile(
 )
 """A name that may be that of a sampling period, the group, or of a rate."""
 WRITTEN_APART = 0.4
-"""Blank lines for each line of numbers, from which on they only set these apart."""
+"""Blank lines per line of numbers; more of them only separate the lines."""
 UNSET_S = 1.0
 """Period [s] of a waveform of LabVIEW for which none was set."""
 

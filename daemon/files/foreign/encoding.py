@@ -28,15 +28,15 @@ _USUAL = frozenset(
     "値值时時間定記録形変信開始結果ータセンサチャンネル"
     "시간전압변위위치초출력입력측정센서채널온도값신호제어"
 )
-"""Letters that are common in the headings of a language: of an alphabet those that make up more
-than half of any text, of Chinese, Japanese and Korean those of the words for what is measured."""
+"""Letters that are common in the headings of a language: for an alphabet, those that make up more
+than half of any text; for Chinese, Japanese and Korean, those of the words for what is measured."""
 _SIGNS = frozenset("°²³·±×µμΩ℃§©®™€£")
 """What may be in a heading in any language, but not between two letters of a word."""
 _SCRIPTS = (("\u0370", "\u03ff"), ("\u0400", "\u04ff"), ("\u1100", "\uffef"))
 """Greek, Cyrillic, and those of East Asia; all others count as Latin."""
 _APART = re.compile(r"[\s,;|/()\[\]{}<>\"'=:.\d_+*#%&\u2009\u3000–—‘’“”„…（）［］，：｜、。-]+")
 A_UNIT = 3
-"""Letters that a unit counts for: other letters make one by chance even less often."""
+"""Number of letters that a unit counts as: other letters form one by chance even less often."""
 MARGIN = 2
 """Lead, in usual letters, by which an encoding is clear: with less, one letter could decide."""
 LOOKED_AT, LONGEST = 200, 4096
@@ -83,8 +83,8 @@ def decode_text(name: str, data: bytes) -> tuple[str, str]:
 
 
 def find_encoding(data: bytes) -> str:
-    """Return the encoding in which text that is not UTF-8 looks like text, "" if none does, or two
-    that read other letters do equally well."""
+    """Return the encoding in which text that is not UTF-8 looks like text, "" if none does, or if
+    two that read different letters do equally well."""
     lines = _lines_beyond_ascii(data)
     looks: list[tuple[int, int, str, str]] = []
     for encoding in (*LATIN, *OTHER_SCRIPTS):

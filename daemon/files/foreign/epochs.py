@@ -86,8 +86,9 @@ def join_clocks(columns: Sequence[Column]) -> list[Column]:
 
 def _is_part_of_a_clock(heading: str, names: Sequence[str]) -> bool:
     """Return whether a heading is a unit of time alone, or names the time, or has the name of
-    another column with a unit of time ("header.stamp.sec" and "header.stamp.nanosec"): a latency in
-    ms, next to times in whole seconds, is none of their digits. names: of all such columns."""
+    another column with a unit of time ("header.stamp.sec" and "header.stamp.nanosec"), so that a
+    latency in ms, next to times in whole seconds, is not taken for digits of theirs. names: of all
+    such columns."""
     name = read_heading(heading).name
     return names.count(name) > 1 or not name or role_of(name, "") == ("t", BY_WORD)
 
@@ -122,9 +123,9 @@ def lack_zeros(values: Any) -> bool:
 
 
 def is_packed_clock(values: Any, in_seconds: bool) -> bool:
-    """Return whether numbers (N,) hold hours, minutes and seconds one behind the other, such as
-    140759.5: they never show a second or a minute of 60 or more, and jump by 40 into a new
-    minute. in_seconds: the file says that they are seconds, in which a pause jumps so once."""
+    """Return whether numbers (N,) hold hours, minutes and seconds one after the other, such as
+    140759.5: they never show a second or a minute of 60 or more, and jump by 40 into a new minute.
+    in_seconds: the file says that they are seconds, in which a pause jumps so once."""
     values = np.asarray(values, dtype=np.float64)
     values = values[np.isfinite(values)]
     steps = np.diff(values)
@@ -186,9 +187,9 @@ def apart_as_times(times: Sequence[Any]) -> str:
 
 
 def same_time(times: Sequence[tuple[Any, float]]) -> int:
-    """Return which of several columns of times to take where all tell the same time, each from its
-    own beginning or since 1970, within half a row: the finest; -1 where they do not. times: (N,)
-    values, and seconds in a unit of them."""
+    """Return which of several columns of times to take if all give the same time, each from its own
+    beginning or since 1970, within half a row: the finest; -1 if they do not. times: (N,) values,
+    and seconds in a unit of them."""
     seconds = [np.asarray(values, dtype=np.float64) * scale for values, scale in times]
     begins = [values - values[0] for values in seconds]
     finest = max(range(len(begins)), key=lambda i: np.unique(begins[i]).size)

@@ -18,7 +18,7 @@ only where something else separates the fields."""
 _PLAIN = re.compile(r"[+-]?\d+(\.\d+)?([eE][+-]?0?\d)?")
 """What most fields hold; with a decimal point it has one meaning, which is found quickly."""
 _SIGN = re.compile("([-+\u2212\u2010\u2011\u2013\ufe63\uff0d]) *(?=[\\d.])")
-"""A sign, also a typographic minus or a dash in its place, which blanks may follow."""
+"""A sign, or a typographic minus or dash in its place; blanks may follow it."""
 TRUTHS = {"true": 1.0, "false": 0.0}
 """As pandas and R write truth values, which a spreadsheet keeps as such."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d*)?)")
@@ -27,7 +27,7 @@ _DURATION = re.compile(r"(\d+(?:[.,]\d*)?) (secs?|m?s|[uµ]s|min|hr)")
 _MINUTES = re.compile(r"(\d{1,3}):(\d\d[.,]\d+)")
 """As Excel shows times of fractions of a second; without a fraction it may be hours."""
 _MILLISECONDS = re.compile(r"(:\d\d:\d\d):(\d{3})(?!\d)")
-"""Behind a colon, as data loggers of Keysight write them."""
+"""After a colon, as Keysight's data loggers write them."""
 _HALF_DAY = re.compile(r"(?:(.*)\s)?\s*(1[0-2]|0?[1-9])(:.*\d)\s*([ap])\.?m\.?", re.I)
 _DAYS = re.compile(r"(\d+) days?,? (.*)", re.I)
 _SLASHED = re.compile(r"(\d{1,2})([/-])(\d{1,2})\2(\d{4}|(?<=/)\d\d)[ T,]\s*(.*)")
@@ -45,7 +45,7 @@ _MONTH_FIRST = re.compile(
 _UNMARKED = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:[.,]\d+)?.*)")
 """As ISO 8601 allows: "20250314T140758.9Z"."""
 _ZONE_APART = re.compile(r"(:\d\d(?:[.,]\d+)?) +(?:([-+]\d\d:?\d\d)|[A-Z]{3,5})(?!\w)")
-"""A time zone behind the time: its distance to UTC, or its name, which is the same in all rows."""
+"""A time zone after the time: its offset from UTC, or its name, which is the same in all rows."""
 _CJK_DATE = re.compile(r"(\d{4})年(\d{1,2})月(\d{1,2})日\s*(.*)")
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 
@@ -93,8 +93,8 @@ def moment_of(text: str) -> float | None:
     """Return the seconds of "12:00:01.25", "2024-03-05 12:00:01.25", "05.03.2024 12:00:01.25",
     "3/5/2024 1:00:01.25 PM", "05-Mar-2024 12:00:01.25", "Mar 5, 2024 12:00:01.25", "2024年3月5日
     12:00:01.25", "20240305T120001.25Z", "0 days 12:00:01.25", "00:01.25" or "1.25 s", with either
-    decimal mark, and with a time zone. Of a date with slashes the month comes first, if it may be
-    one."""
+    decimal mark, and with a time zone. In a date with slashes the first number is the month if it
+    can be one."""
     if duration := _DURATION.fullmatch(text):
         return float(duration[1].replace(",", ".")) * UNITS[find_unit_key(duration[2])][2]
     if len(text) > 40:

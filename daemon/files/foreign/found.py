@@ -41,8 +41,8 @@ class Given:
 class Sheet:
     """Columns in the file's order; notes: by name; step_s: sampling period that the file states;
     start_s: time of its first row; said: further remarks on the format; where: describes the place
-    of a row in the file; factor: words of its preamble that state one, or ""; blank: by heading
-    of the columns that hold no number, the first field if it begins as one; of_some: step_s is
+    of a row in the file; factor: words of its preamble that state one, or ""; blank: by heading of
+    the columns that hold no number, the first field if it begins like one; of_some: step_s is
     stated for some of the columns only; empty: for each row of empty fields between the numbers,
     how many rows of numbers precede it; blank_lines: between the numbers."""
 

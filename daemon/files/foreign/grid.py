@@ -54,13 +54,13 @@ MOSTLY_TEXT = 0.9
 @dataclass
 class GridLayout:
     """first: first row of numbers; width: number of columns; headings, units: (width,) texts;
-    numeric: which columns hold numbers; late: which of these were empty as far as was looked;
-    notes: the preamble; step_s, start_s: stated by the preamble; decimal: the decimal mark;
-    unclear: a field that leaves it open; header: the fields of the line with the headings; form:
-    what else is to be said of the form; unit_texts: columns that repeat in each row the unit of the
-    numbers to their left; texts: the first field of columns of no numbers that begins as one;
-    aside: columns of a small table at the right of the recording; remarks: texts between
-    the numbers and below them, which may state a unit or a factor as the preamble may."""
+    numeric: which columns hold numbers; late: which of these were empty in the rows that were
+    looked at; notes: the preamble; step_s, start_s: stated by the preamble; decimal: the decimal
+    mark; unclear: a field that leaves it open; header: the fields of the line with the headings;
+    form: further remarks on the format; unit_texts: columns that repeat in each row the unit of the
+    numbers to their left; texts: for columns without numbers, the first field that begins like one;
+    aside: columns of a small table at the right of the recording; remarks: texts between the
+    numbers and below them, which may state a unit or a factor as the preamble may."""
 
     first: int
     width: int
@@ -183,7 +183,8 @@ def _with_units_below(lines: Sequence[tuple[int, Row]]) -> list[list[str]]:
 
 
 def _like_numbers(rows: Sequence[Row], numeric: Sequence[bool]) -> dict[int, str]:
-    """Return the first field of each column without numbers that begins as one does: "706.9m"."""
+    """Return the first field that begins like a number ("706.9m") of each column without
+    numbers."""
     first = {
         j: [str(row[j]).strip() for row in rows if len(row) > j][:1] for j in range(len(numeric))
     }
@@ -209,7 +210,7 @@ def _units_in_rows(rows: Sequence[Row], numeric: Sequence[bool]) -> dict[int, st
 def _numbers(
     rows: Sequence[Row], kinds: Sequence[Sequence[int]], width: int, decimal: str
 ) -> Numbers:
-    """Return what names have to fit."""
+    """Return the numbers that the names have to fit."""
     counted = [number_of(row[0], decimal) for row in rows if row]
     counts = counted[0] in (0.0, 1.0) and counted == [counted[0] + i for i in range(len(counted))]
     most = min(len(row) for row, kind in zip(rows, kinds, strict=True) if NUMBER in kind)
@@ -262,9 +263,9 @@ def fill(
         if len(row) < needed or size > layout.width:
             there = "the headings are" if layout.header else "the other lines have"
             raise BadRecording(
-                f"{name}: {where(place)} has {size} fields, {there} {layout.width}: a field too "
+                f"{name}: {where(place)} has {size} fields, {there} {layout.width}: one field too "
                 f"{'few' if size < layout.width else 'many'}, or lines joined or broken; correct "
-                "the line, or delete it where it is none of the recording's"
+                "the line, or delete it if it is not part of the recording"
             )
         for part, j, value in zip(values, kept, numbers, strict=True):
             if value is None and layout.late[j]:  # a column of notes, as far as is known
@@ -307,7 +308,7 @@ def _no_number(name: str, layout: GridLayout, j: int, place: str, cell: Any) -> 
     what = layout.headings[j] or f"column {j}"
     return BadRecording(
         f"{name}: {place}: {what} is {str(cell)[:20]!r}, not a number: empty the field where a "
-        "value is missing, or delete the line where it is none of the recording's, such as a sum"
+        "value is missing, or delete the line if it is not part of the recording, such as a sum"
     )
 
 
@@ -350,8 +351,8 @@ def _is_empty(values: Any) -> bool:
 
 
 def note_text(name: str, layout: GridLayout, row: Row, place: str) -> None:
-    """Keep a line of text between the numbers. Raises BadRecording if it holds headings or units,
-    but not those above the numbers."""
+    """Keep a line of text between the numbers. Raises BadRecording if it holds headings or units
+    other than those above the numbers."""
     cells = texts_of(without_mark(row))
     if cells in (layout.header, [unit for unit in layout.units if unit]):
         return

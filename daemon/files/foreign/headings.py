@@ -29,7 +29,7 @@ AT_THE_RIGHT = {
     "", "comment", "comments", "note", "notes", "remark", "remarks", "kommentar", "bemerkung",
     "start", "increment", "marker",
 }  # fmt: skip
-"""Headings of fields that most lines of numbers end without."""
+"""Headings of fields at the end of a line, which most lines of numbers omit."""
 _BLANKS = re.compile(r"(?<!/)\s+(?![\[({</])(?![^\[({]*[\])}])")
 """Blanks between two names: neither before a bracket nor in it, nor next to a lone slash."""
 _BRACKETED = re.compile(r"[\[({<].*[\])}>]")
@@ -164,7 +164,7 @@ def _is_labelled(row: Row) -> bool:
 
 def gcs_header(rows: Sequence[tuple[int, Row]], width: int) -> tuple[list[str], float]:
     """Return (names, sampling period [s] or 0) of the header that PI's controllers write, ([], 0.0)
-    if the lines above the numbers are none."""
+    if the lines above the numbers are no such header."""
     lines = [" ".join(texts_of(without_mark(row))) for _, row in rows]
     if "END_HEADER" not in lines:
         return [], 0.0
@@ -194,8 +194,8 @@ def _aligned(row: Row, numbers: Numbers) -> list[str]:
 
 
 def _of_blanks(forms: Sequence[Sequence[str]], numbers: Numbers) -> list[str]:
-    """Return the one way to read a line that has as many names as there are columns, of which the
-    last may hold words, [] if there is none, or several of which as many name a role."""
+    """Return the way to read a line that gives as many names as there are columns (the last may be
+    a column of words); [] if there is none, or if several name equally many roles."""
     of_words = range(numbers.width + 1, numbers.most + 1)
     for size in [numbers.width, *[numbers.width - 1] * numbers.counts, *of_words]:
         fitting = [cells for cells in forms if len(cells) == size]

@@ -108,7 +108,7 @@ def _add_units(part: Sheet, header: Header) -> None:
     if len(units) == len(of):
         named = list(zip(of, units, strict=True))
     elif above.keys() <= (numbers := {c.number for c in channels}) and 0 not in numbers:
-        named = [(c, above.get(c.number, "")) for c in channels]  # each unit stands over its column
+        named = [(c, above.get(c.number, "")) for c in channels]  # each unit is above its column
     else:
         named = []
     for column, unit in named:

@@ -1,8 +1,8 @@
 """Numbers that are not what was measured: -9999, the ends of an integer's range, what no gauge
 measures; rows that a column marks as invalid; a displacement that a counter wrapped.
 
-A number that is all nines, or the end of the range of an integer, stands for none only where it is
-apart from all others.
+A number that is all nines, or the end of the range of an integer, stands for no value only if it is
+far from all others.
 """
 
 import re
@@ -21,11 +21,11 @@ _VALID, _INVALID = {"valid", "validity", "ok", "good"}, {"invalid", "bad", "satu
 """Words of columns that mark rows with 0 and 1."""
 NINES = re.compile(r"-?9{3,}(\.0|\.9+)?")
 WHOLE, NEAR, LEAST_WRAPPED = 0.8, 2, 20
-"""Share of the range that a wrapped displacement jumps by, at least, rows next to a jump in which
-it goes on, and least number of rows."""
+"""Least share of the range by which a wrapped displacement jumps; rows before and after a jump in
+which it must go on as before; least number of rows."""
 APART = 1.0
-"""Least distance of such a number from all others, in units of their span: a gauge at the end of
-its range, or a wild reading, has others nearer."""
+"""Least distance of such a number from all others, in units of their span: a reading at the end of
+a gauge's range, or an outlier, has others nearer to it."""
 MOST_MISSING = 0.5
 """Share of a column above which numbers beyond any measurement are damage."""
 
@@ -88,7 +88,7 @@ def note_wrapped(columns: Mapping[str, Floats]) -> str:
     which = how_many(rows.size, "row")
     return (
         f"the displacement jumps by about {float(np.median(np.abs(leap))):.5g} in {which}, as a "
-        "counter or a phase does that begins again: if so, unwrap it first (numpy.unwrap with "
+        "counter or a phase does when it wraps: if so, unwrap it first (numpy.unwrap with "
         "period=...)"
     )
 

@@ -32,7 +32,7 @@ class ReadOptions:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.rate_hz < 1e12:
-            raise BadInput(f"--rate {self.rate_hz:g}: a number of rows a second above 0 is needed")
+            raise BadInput(f"--rate {self.rate_hz:g}: give the rows per second, above 0")
         for option, given, known in (
             ("--time-unit", self.time_unit, TIME_UNITS),
             ("--drive-unit", self.drive_unit, DRIVE_UNITS),
@@ -110,7 +110,7 @@ def reading_of(args: argparse.Namespace) -> ReadOptions:
 
     rate_hz = given("rate_hz")
     if rate_hz is not None and not rate_hz > 0.0:
-        raise BadInput(f"--rate {rate_hz:g}: a number of rows a second above 0 is needed")
+        raise BadInput(f"--rate {rate_hz:g}: give the rows per second, above 0")
     return ReadOptions(
         parse_columns(",".join(given("columns") or [])),
         rate_hz or 0.0,

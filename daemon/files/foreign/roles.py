@@ -78,7 +78,7 @@ _DISPLACEMENT = {
     "смещение", "перемещение", "μετατόπιση", "výchylka", "przemieszczenie", "位移", "変位", "변위",
 }  # fmt: skip
 _EITHER = {"measured", "output", "response", "ausgang"}
-"""Words that stand for a displacement, unless a voltage is named beside them."""
+"""Words that stand for a displacement unless a voltage is named next to them."""
 _IN = {"input", "inputs", "in", "eingang", "vin", "uin"}
 _OUT = {"output", "outputs", "out", "ausgang", "vout", "uout"}
 """Of the stage or of the instrument: where the column is in volts they do not say which."""
@@ -102,9 +102,9 @@ _ROW = {
 _REAL = {"actual", "measured", "ist", "mesure", "mesuré", "mesurée", "gemessen", "readback"}
 """Words of what was measured, next to what was wanted or calculated."""
 _COMPOUND = re.compile(r"(soll|ziel|ist)?\w*?(spannung|position|auslenkung)")
-"""A word of German that is made of others: "Istposition"."""
+"""A German compound word: "Istposition"."""
 _STRESS = re.compile(r"(?:zug|druck|biege|schub|scher|streck|normal|eigen)spannung(?:en)?")
-"""Mechanical stress, whose German word is also that of a voltage."""
+"""Mechanical stress, for which German has the same word as for voltage."""
 _PLAIN = re.compile(rf"(?:(t)_s|(u|y|target)_(?:{'|'.join(UNIT_NAMES)}))")
 
 
@@ -174,7 +174,7 @@ def role_of(heading: str, unit: str) -> tuple[str, int]:
 
 
 def kind_of(heading: str, unit: str) -> str:
-    """Return the quantity that a column's unit measures, "" if no unit that is known is given."""
+    """Return the quantity that a column's unit measures, "" if no known unit is given."""
     key = unit or read_heading(heading[: LONGEST_HEADING + 1]).unit
     return UNITS[key][0] if key else ""
 

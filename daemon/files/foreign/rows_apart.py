@@ -84,9 +84,9 @@ def on_common_rows(
     found: Sheet,
     reading: ReadOptions,
 ) -> tuple[list[Column], dict[str, int]]:
-    """Return (columns, number of the column for each role) such that the columns in a row are of
-    one time, and set the period of the sheet. Raises BadRecording if their periods differ, or their
-    beginnings by no whole number of rows."""
+    """Return (columns, number of the column for each role) such that the values in a row are of the
+    same time, and set the period of the sheet. Raises BadRecording if their periods differ, or if
+    their beginnings do not differ by a whole number of rows."""
     taken = [columns[i] for i in chosen.values()]
     stated = [(column, *column.wave) for column in taken if column.wave]
     periods = {column.wave[1] for column in columns if column.wave}
@@ -133,8 +133,8 @@ def _common_period(name: str, steps: Sequence[tuple[Column, float]]) -> float:
     slow, fast = max(steps, key=lambda one: one[1]), min(steps, key=lambda one: one[1])
     if slow[1] > (1.0 + SAME_STEP) * fast[1]:
         raise BadRecording(
-            f"{name}: {describe_column(fast[0])} has a row each {fast[1]:.6g} s, and "
-            f"{describe_column(slow[0])} each {slow[1]:.6g} s: {_REMEDY}"
+            f"{name}: {describe_column(fast[0])} has a row every {fast[1]:.6g} s, "
+            f"and {describe_column(slow[0])} every {slow[1]:.6g} s: {_REMEDY}"
         )
     return steps[0][1]
 

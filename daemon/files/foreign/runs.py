@@ -14,7 +14,7 @@ NUMBER, MISSING, TEXT = 1, 0, -1
 MOST_BELOW = 60
 """Lines at the end of a file among which sums and notes are looked for."""
 _OF_LINE = re.compile(r"slope|intercept|r ?(?:2|²|squared)|steigung|achsenabschnitt", re.I)
-"""What the first field says below the numbers of a straight line that was fitted to them."""
+"""Words in the first field of lines below the numbers that describe a straight-line fit to them."""
 MOST_NOTES = 200
 """Lines of text that are kept."""
 _SUM = re.compile(
@@ -27,7 +27,7 @@ _SUM = re.compile(
     r"(?: (?:values?|wert|of .*|over .*))?",
     re.IGNORECASE,
 )
-"""What the first field of a line of sums or statistics says, in letters apart by single blanks."""
+"""What the first field of a line of sums or statistics says, once all marks are single blanks."""
 
 
 def kinds_of(row: Row, decimal: str) -> list[int]:
@@ -50,7 +50,7 @@ def is_sum(row: Row) -> bool:
 
 
 def rows_below(rows: Sequence[Row], decimal: str) -> int:
-    """Return how many of the last rows (up to MOST_BELOW, some of which may be empty) are no
+    """Return how many of the last rows (up to MOST_BELOW, some of which may be empty) are not
     samples: sums and other figures of the columns, which begin with a word, at least one with that
     of a sum; or notes, which begin with words and have fewer fields than the samples."""
     last = rows[-MOST_BELOW:]

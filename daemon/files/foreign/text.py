@@ -56,7 +56,8 @@ from dehyst.models.units import how_many
 MOST_TEXT = 256 << 20
 NO_UNITS: Mapping[int, str] = {}
 HEAD, MOST_BROKEN = 100, 12
-"""Lines in which headings are looked for that quotes break into several, and the most of them."""
+"""Lines that are searched for quoted headings broken into several lines, and the most lines of
+one."""
 SEPARATORS = (
     ("\t", "tabs"),
     (";", "semicolons"),
@@ -194,8 +195,8 @@ def _understand_words(
     separator: str | None,
     decimal: str,
 ) -> Sheet:
-    """Return the columns of a text whose fields are not numbers alone, or more often words. Raises
-    BadRecording if it is no table at all."""
+    """Return the columns of a text whose fields hold more than numbers, or are mostly words. Raises
+    BadRecording if it is not a table at all."""
     if (bare := bare_numbers(lines, places)) is not None:
         return understand_text(name, "\n".join(bare), above - 2)
     for one, _ in SEPARATORS:
@@ -254,7 +255,7 @@ def _join_labelled(lines: list[str]) -> None:
 
 
 def _is_cut(last: Sequence[str], before: Sequence[Sequence[str]], decimal: str) -> bool:
-    """Return whether a last line begins as a row and has fewer fields than the one before it, or
+    """Return whether a last line begins like a row and has fewer fields than the one before it, or
     fewer digits in the last of them than others."""
     if kinds_of(last, decimal)[:1] != [NUMBER]:
         return False
@@ -265,8 +266,8 @@ def _is_cut(last: Sequence[str], before: Sequence[Sequence[str]], decimal: str) 
 
 
 def _ways_to_name(sample: Sequence[str], separator: str, i: int) -> list[list[str]]:
-    """Return the ways to read a line of names: where something else than blanks separates the
-    numbers, only of a line with another separator between names or units."""
+    """Return the ways to read a line of names. If the numbers are not separated by blanks, only a
+    line with another separator between its names or units has any."""
     line = sample[i]
     if not separator:
         return ways_to_split(line)
@@ -312,10 +313,10 @@ def _without_notes(
     marked: list[int],
 ) -> Iterator[tuple[int, list[str]]]:
     """Yield (place, fields) of the lines from the first row on, except notes. marked: filled with
-    the places of notes that are rows of numbers behind a mark."""
+    the places of notes that are rows of numbers after a comment mark."""
     for i in range(first, len(lines)):
         row = split(lines[i])
-        if len(row) > layout.width and " #" in lines[i].strip():  # a remark behind the numbers
+        if len(row) > layout.width and " #" in lines[i].strip():  # a remark after the numbers
             row = split(lines[i].strip().partition(" #")[0])
         if lines[i].lstrip()[:1] in ("#", "%", "!") and not is_missing(row[0].strip()):
             refuse_next_variable(name, lines[i], f"line {above + i + 1}")
@@ -364,7 +365,7 @@ def _quickly(
 
 def _plain(lines: Sequence[str], most: int, separator: str, decimal: str) -> Iterator[str]:
     """Yield the lines. Raises ValueError at one that has to be read field by field, because numpy
-    would pass over a further field or a mark for thousands."""
+    would overlook an additional field or a mark for thousands."""
     for line in lines:
         if separator:
             size = line.rstrip(separator + " \t").count(separator) + 1

@@ -1,5 +1,5 @@
-"""Make a recording's columns of a foreign file's, in the units of recordings, and describe in one
-line how it was understood.
+"""Convert the columns of a foreign file to those of a recording, in the units of recordings, and
+describe in one line how the file was understood.
 
 Missing information is requested all at once, with the option that supplies it; every assumption is
 stated in that line.
@@ -253,7 +253,7 @@ def _take_time(
         row = int(np.argmax(jumps)) + 1
         draft.asked.append(
             f"{label} jumps by {float(jumps[row - 1]) / 86400.0:.3g} days at {found.where(row)}: "
-            "if the day stands before the month, write the dates as 2024-03-05; otherwise cut the "
+            "if the day comes before the month, write the dates as 2024-03-05; otherwise cut the "
             "file there, or add --rate HZ"
         )
         return
@@ -327,7 +327,7 @@ def _take(
     _, kept, factor = UNITS[unit]
     if kept not in UNIT_NAMES:
         draft.asked.append(
-            f"{label} is in {unit}, which is no {NAMES[role]}; add {option} or --columns"
+            f"{label} is in {unit}, not a unit of the {NAMES[role]}; add {option} or --columns"
         )
         return
     values = np.asarray(column.values, dtype=np.float64)
@@ -343,7 +343,7 @@ def _take(
 def _ask_of_factor(
     factor: str, chosen: Mapping[str, int], reading: ReadOptions, asked: list[str]
 ) -> None:
-    """Ask for the units of numbers that a factor in the words of a preamble may belong to."""
+    """Ask for the units of the numbers to which a factor in the text of a preamble may apply."""
     given = {"u": ("--drive-unit", reading.drive_unit), "y": ("--unit", reading.unit)}
     missing = [option for role, (option, unit) in given.items() if role in chosen and not unit]
     if missing:

@@ -90,8 +90,8 @@ SPELLED = {
 
 
 CASE_DECIDES = {"ms", "ns", "mv", "mvolt", "mvolts", "mm", "nm", "pm", "mrad", "ma"}
-"""Units that mean something else with a capital first letter: MV, Mm, Nm. A heading in capitals
-throughout has them all the same, except for MV: megavolts are written so, too."""
+"""Units that mean something else with a capital first letter: MV, Mm, Nm. A heading entirely in
+capitals may still contain them, except for MV, because megavolts are written the same way."""
 
 
 def states_no_unit(text: str) -> bool:
@@ -142,11 +142,11 @@ _FACTOR_OF_NAME = re.compile(
     r"|(?<![^\W_])(?:gain|factor)[\s_:=]*\d+(?:[.,]\d+)?(?![^\W_])",  # Drive (V) gain 15
     re.IGNORECASE,
 )
-"""A factor that stands with the name of a column. One digit behind an x names an axis, and a number
-between two slashes a group."""
+"""A factor next to the name of a column. One digit after an x names an axis, and a number between
+two slashes a group."""
 _CALLED_UNIT = re.compile(r"^(?:in |units?\s*[:=]\s*)", re.IGNORECASE)
 _PER = re.compile(r"([^\W\d_]+[_\s]per[_\s][^\W\d_]+)[\])]?$", re.IGNORECASE)
-"""A quotient in words at the end of a heading: "velocity_um_per_s" is in no seconds."""
+"""A quotient in words at the end of a heading: "velocity_um_per_s" is not in seconds."""
 _BEHIND_A_MARK = re.compile(r"(.*?\S)(\s*(?:[/,;:|='\"]|\bin\b)\s*)(\S+?)['\"]?\s*")
 _CAMEL_UNIT = re.compile(
     r"(?<=[a-zäöü]{2})(?:In)?"
@@ -178,7 +178,7 @@ _NUMBERED = re.compile(
     r"[,;]\s*(?:point|channel|ch|axis|node|probe|sensor|domain|boundary|edge|run)s?:?\s*\d+\s*$",
     re.IGNORECASE,
 )
-"""What COMSOL writes behind a unit: "Displacement (um), Point: 5" is not divided by 5."""
+"""What COMSOL writes after a unit: "Displacement (um), Point: 5" is not divided by 5."""
 _RATIO = re.compile(r"(?<![^\W_])(\w+)\s*/\s*\1_?(?:0|max|nom|ref)\b", re.IGNORECASE)
 _SHORT_BEHIND_A_MARK = re.compile(r"[,;|=]\s*([^\W\d_]{1,4})[.'\"]?$")
 _GLUED = re.compile(r"(?:\d+ ?|(?<![^\W_])[A-Zt])([mkµun]?V|[mµun]s)(?![^\W_])")
@@ -190,8 +190,8 @@ LONGEST_HEADING = 120
 
 @dataclass(frozen=True)
 class Heading:
-    """name: without the unit; unit: key in UNITS, "" if none that is known is given; stated: what
-    is given as the unit but is not known or may be a label, ""."""
+    """name: without the unit; unit: key in UNITS, "" if no known unit is given; stated: what is
+    given as the unit but is not a known one or may be a label, otherwise ""."""
 
     name: str
     unit: str = ""
@@ -257,7 +257,8 @@ def _left_over(plain: str) -> str:
 
 def _factor_beside(plain: str) -> Heading | None:
     """Return the heading of numbers that were multiplied or divided before they were written, as
-    "U/10 V", "10*Displacement (um)" and "Monitor x15 (V)" say; None if it says nothing of it."""
+    "U/10 V", "10*Displacement (um)" and "Monitor x15 (V)" say; None if it says nothing of the
+    kind."""
     found = _FACTOR_OF_NAME.search(plain)
     if found is None or float(re.findall(r"\d+(?:[.,]\d+)?", found[0])[-1].replace(",", ".")) == 1:
         return None
@@ -280,7 +281,7 @@ def _is_like_a_unit(text: str) -> bool:
 
 
 def is_other_unit(stated: str) -> bool:
-    """Return whether what a heading states is a unit, but none that is known: "dV", "x100 V"."""
+    """Return whether what a heading states is a unit, but not a known one: "dV", "x100 V"."""
     like = _is_like_a_unit(stated) or bool(_FACTOR.search(stated))
     return like and not find_unit_key(stated)
 
@@ -291,8 +292,8 @@ def states_factor(stated: str) -> bool:
 
 
 def _read_brackets(text: str, plain: str) -> Heading:
-    """Find the unit in a heading with brackets: the only unit in them or behind them. Any other
-    content may be a unit that is not known, or a factor."""
+    """Find the unit in a heading with brackets: the only unit in them or after them. Any other
+    content may be an unknown unit, or a factor."""
     rest = _BRACKETS.split(plain)[-1]
     behind = rest.strip(" _/,;:.-").removeprefix("in ")
     name, inside = plain, []
@@ -316,7 +317,7 @@ def _read_brackets(text: str, plain: str) -> Heading:
 
 
 def split_heading(text: str) -> tuple[str, str]:
-    """Split a heading into (name, unit's key); the unit is "" if none that is known is given."""
+    """Split a heading into (name, unit's key); the unit is "" if no known one is given."""
     found = read_heading(text)
     if found.unit:
         return found.name, found.unit

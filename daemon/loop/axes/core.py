@@ -88,7 +88,7 @@ def describe_left_out(blocks: Sequence[str]) -> list[str]:
     """Return a message about the model's blocks that describe one recording only; [] without."""
     if not blocks:
         return []
-    return [f"of the model, not run, as it describes one recording only: {', '.join(blocks)}"]
+    return [f"blocks of the model that describe one recording only, not run: {', '.join(blocks)}"]
 
 
 class AxisCore:

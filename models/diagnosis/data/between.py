@@ -18,10 +18,10 @@ from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.signals.joined import Data, Ints
 
 DEGREE = 5
-LEAST = 4 * DEGREE  # samples of a part
+LEAST = 4 * DEGREE  # samples of the shortest part that is refined
 THIRDS = 3
-"""Refinement that tells a smooth path from steps: straight lines then miss a ninth of what they
-missed, and any number of samples can be laid on it."""
+"""Refinement that is enough to distinguish a smooth path from steps: straight lines then miss a
+ninth of what they missed, and there is room for it at any number of samples."""
 
 
 def with_path_between(data: Data, sigma: float) -> Data:
@@ -33,9 +33,9 @@ def with_path_between(data: Data, sigma: float) -> Data:
 
 
 def with_smooth_path(data: Data, sigma: float) -> Data:
-    """Return the recordings with the path of a drive that is taken to be smooth, also where
-    straight lines are nearer to it than the noise; unchanged if nothing can be seen of the path, or
-    it is known."""
+    """Return the recordings with the path of a drive that is assumed to be smooth, even if straight
+    lines miss it by less than the noise; unchanged if nothing of the path is visible, or if it is
+    already known."""
     if data.early or data.stepped or data.path is not data:
         return data
     times = min(_wanted_factor(data, sigma), THIRDS)

@@ -58,9 +58,9 @@ def _has_lines(data: Data, residual: Floats) -> bool:
 
 
 def _is_steady(data: Data, residual: Floats) -> bool:
-    """Return whether, at every scale of time, the differences of neighbouring means are as large
-    throughout, and none is an outlier: for noise of any colour they are independent and normal
-    (Haar wavelets)."""
+    """Return whether, at every scale of time, the differences of neighbouring means are equally
+    large throughout, and none is an outlier: for noise of any colour they are independent and
+    normal (Haar wavelets)."""
     for i in range(len(data.names)):
         means = residual[data.rows & (data.rec == i)]
         while means.size >= 2 * LEAST:

@@ -1,5 +1,5 @@
-"""What the drive's path allows to report: how often it reverses, whether it rests, and whether it
-only repeats a single loop.
+"""What can be concluded from the drive's path: how often it reverses, whether it rests, and whether
+it only repeats a single loop.
 
 Where the drive passes each level once up and once down, any slow function of time looks like a
 difference between the two branches, and so does a channel that itself goes up and down once. No fit
@@ -51,7 +51,8 @@ def count_turns(data: Data, signal: Floats | None = None) -> int:
 
 
 def has_few_turns(data: Data) -> bool:
-    """Return whether the drive reverses too seldom to distinguish what it causes from its loop."""
+    """Return whether the drive reverses too seldom to distinguish an effect that it causes from the
+    hysteresis loop."""
     return count_turns(data) < TUNING.few
 
 
@@ -88,8 +89,8 @@ def count_distinct_moments(data: Data) -> int:
 
 
 def count_rested_samples(data: Data) -> Ints:
-    """Return (N,) for how many samples the drive has rested: moved by a small part of what it moves
-    by from sample to sample otherwise, however densely it is sampled."""
+    """Return (N,) for how many samples the drive has rested. It rests where it moves by only a
+    small fraction of its rms move from sample to sample, however densely it is sampled."""
     step = np.where(data.starts, 0.0, np.diff(data.u, prepend=data.u[0]))
     moved = np.abs(step) > STILL * np.sqrt(np.mean(step**2))
     at = np.arange(data.n)
@@ -98,8 +99,8 @@ def count_rested_samples(data: Data) -> Ints:
 
 def is_moving_against_drive(data: Data, noise: float) -> bool:
     """Return whether the displacement moves against the drive where the drive's path rises, or
-    falls, from one sample to the next: no hysteresis of any class does that, and late effects do.
-    noise: rms of a reading. Steps that repeat each other are averaged."""
+    falls, from one sample to the next: no hysteresis of any class does that, but delays and lags
+    do. noise: rms of a reading. Steps that repeat each other are averaged."""
     path, places = data.path, data.places if data.between is not None else np.arange(data.n)
     rises = np.concatenate([[0], np.cumsum(np.diff(path.u) > 0)])
     falls = np.concatenate([[0], np.cumsum(np.diff(path.u) < 0)])
@@ -129,8 +130,8 @@ def has_long_rest(data: Data) -> bool:
 
 
 def has_rests(data: Data) -> bool:
-    """Return whether the drive rests, again and again, for some samples each time: what the reading
-    does meanwhile is no memory of the drive's path."""
+    """Return whether the drive rests repeatedly, for some samples each time: what the reading does
+    meanwhile is no memory of the drive's path."""
     return float(np.mean(count_rested_samples(data) >= TUNING.settling)) > STILL_FOR
 
 

@@ -23,7 +23,8 @@ def noise_rms(data: Data, residual: Floats) -> float:
     each frequency, then the median over frequencies, so that fixed lines, ringing and moves do not
     count. Where rows are missing throughout, differences of adjacent valid samples replace the
     spectra; for a polled gauge, fourth differences of its readings. The result is never less than
-    the quantisation noise of the reading: one step over the root of 12.
+    the quantisation noise of the reading: one step over the root of 12. A median magnitude times
+    1.4826 is the standard deviation of normal noise.
     """
     powers = []
     window = np.hanning(TUNING.segment)
@@ -54,7 +55,8 @@ def noise_rms(data: Data, residual: Floats) -> float:
 
 def _fourth_differences(data: Data, residual: Floats) -> float:
     """Return the noise rms from fourth differences of the counted rows of each part; 0 where every
-    part is too short for one."""
+    part is too short for one. For white noise their power is that of the noise times 70, the sum of
+    squares of 1, 4, 6, 4, 1."""
     d = np.concatenate(
         [np.diff(residual[(data.part == p) & data.rows], 4) for p in np.unique(data.part)]
     )
@@ -72,6 +74,7 @@ def _unrepeated(data: Data) -> float:
         lag = period_samples(u)
         if lag == 0 or np.abs(u[lag:] - u[:-lag]).max() > 2e-3 * data.span:
             continue
-        d = np.diff(y[lag:] - y[:-lag])  # differenced once more: drift is not noise
+        # differenced once more, because drift is not noise: four readings, four times the power
+        d = np.diff(y[lag:] - y[:-lag])
         best = min(best, float(1.4826 * np.median(np.abs(d)) / 2.0))
     return best

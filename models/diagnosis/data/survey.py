@@ -150,8 +150,8 @@ def survey(
 
 
 def has_response_to_drive(data: Data, unexplained: float) -> bool:
-    """Return whether the drive explains something of the displacement, of its changes too: of a
-    reading that wanders a memory of any shape explains a part by chance."""
+    """Return whether the drive explains part of the displacement, and part of its changes: a memory
+    of any shape explains part of a wandering reading by chance."""
     if unexplained >= (1.0 - FOLLOWS) * _variance(data):
         return False
     parts = [data.rows & (data.part == p) for p in np.unique(data.part)]
@@ -189,7 +189,7 @@ def has_reversals_within_sweeps(data: Data) -> bool:
 
 
 def _is_slow(data: Data) -> bool:
-    """Return whether the drive moves far between two samples, again and again."""
+    """Return whether the drive often moves far between two samples."""
     step = np.diff(data.u)[~data.starts[1:]]
     return bool(np.sqrt(np.mean(step**2)) > SLOW * np.std(data.u))
 

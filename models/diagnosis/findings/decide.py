@@ -53,8 +53,8 @@ def decide_verdict(
 
 
 def report_effects(problem: Problem, found: SearchState, held: float) -> list[Finding]:
-    """Return the findings of the accepted effects. share: mean square that each removes of held-out
-    samples, later scaled to a share of the whole. held: mean square that all leave."""
+    """Return the findings of the accepted effects. share: mean square that each removes from
+    held-out samples, later scaled to a share of the whole. held: mean square that all leave."""
     final, data, sigma = found.accepted, problem.data, found.sigma
     values = intervals(problem, final, sigma)
     keys = {"_um": f"_{data.unit}", "_v_": f"_{data.drive_unit}_", "_v": f"_{data.drive_unit}"}

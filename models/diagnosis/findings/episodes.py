@@ -19,7 +19,7 @@ from dehyst.models.signals.error_size import Z95, rms
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 from dehyst.models.signals.lines import is_drive_line
 
-STRETCHES = 24
+STRETCHES = 24  # of each recording
 LEAST = 128  # samples of a stretch, at least
 TOWERS = 6.0  # times the median of its neighbours, for a line in a stretch
 ABSENT = 0.35  # of the largest amplitude: below, the line is absent
@@ -127,14 +127,15 @@ def _find_line(data: Data, residual: Floats, sigma: float) -> _Line | None:
 
 
 def _is_from_outside(data: Data, residual: Floats, sigma: float, line: _Line) -> bool:
-    """Return whether a line is one, and not of the drive."""
+    """Return whether this is a single line, and not one of the drive."""
     by_drive = is_drive_line(data, residual, line.here, line.frequency)
     return _is_alone(data, residual, sigma, line) and not by_drive
 
 
 class _Stretches(NamedTuple):
     """Spectra of a recording's stretches. at: indices of its samples; each: samples of a stretch;
-    amplitude, towers: (STRETCHES, bins), towers: where there is a line that the drive has not."""
+    amplitude, towers: (STRETCHES, bins), towers: True where there is a line that the drive does not
+    have."""
 
     at: Ints
     each: int

@@ -3,13 +3,13 @@
 The first guess is the strength whose contribution, with everything else refitted, is large enough
 that the search certainly accepts it. Then the effect is added to the reading at that strength, and
 the search continues from what was found; where the effect is not reported, it is tried once more,
-stronger. A strength that is never reported gives no limit. There is none either for what a found
-effect could be mistaken for: the search on other recordings may choose otherwise. No effect of the
-drive is excluded where more than the noise is left of what the drive causes, because the effect
-would compete with that, or where three or more effects were found, which may hide another. The
-reported limit is somewhat larger, because a stage's effect is not exactly the library's. An effect
-that stays below at every sensible strength cannot be seen in these recordings at all, and the limit
-says so.
+stronger. If the effect is not reported at any strength, there is no limit. There is none either for
+effects that a found one could be mistaken for: the search on other recordings may choose them
+instead. Effects of the drive get no limit if more than the noise is left of what the drive causes,
+because they would compete with that, or if three or more effects were found, which may hide
+another. The reported limit is somewhat larger, because a stage's effect is not exactly the
+library's. An effect that stays too small to be accepted at every sensible strength cannot be seen
+in these recordings at all, and the limit says so.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -28,7 +28,7 @@ from dehyst.models.signals.error_size import rms
 from dehyst.models.signals.joined import Floats
 
 CANNOT = "the drive of these recordings cannot show it"
-TRIES = 2
+TRIES = 2  # strengths: the first guess, and a stronger one after a miss
 STEP = 2.0  # factor of an amplitude, about that between probes; number of such steps:
 RAISED, STRONGER = 0.5, 0.5  # after a miss, and from the found to the reported value
 Seen = Callable[[Candidate, Floats], Collection[str]]
@@ -113,8 +113,8 @@ def _has_lookalike(c: Candidate, accepted: JointFit) -> bool:
 
 
 def _checked(screen: Screen, guess: Guess, seen: Seen) -> float | None:
-    """Return the strength from which on the candidate is found once it is added; None if at no
-    strength."""
+    """Return a strength somewhat above that at which the candidate is found when it is added; None
+    if it is found at none, or if no probe is stronger."""
     c, here = guess.candidate, guess
     for _ in range(TRIES):
         if here.probe is None:

@@ -49,9 +49,9 @@ class RepeatedSearch:
         """Return the names reported in addition to what was found, where (N,) `added` is added to
         the reading.
 
-        put_in: the candidate whose effect that is. Where it does not remove all of it, it is
-        compared with the others; those that are confused with it derive their starts from the new
-        residual.
+        put_in: the candidate whose effect was added. If it does not remove all of that effect, it
+        is compared with the other candidates; those that may be confused with it derive their
+        starts from the new residual.
         """
         there = self._problem.with_reading(self._problem.data.y + added)
         known = there.solve(self._known.effects, self._output)
@@ -78,8 +78,8 @@ class RepeatedSearch:
     def _rank(
         self, state: SearchState, screen: Screen, fresh: Collection[str]
     ) -> list[ScreenedCandidate]:
-        """Return the candidates ranked by estimated gain; anew: names whose starts come from this
-        residual."""
+        """Return the candidates ranked by estimated gain; fresh: names of the candidates that
+        derive their starts from this residual."""
         return rank_by_estimated_gain(
             state,
             [
@@ -91,9 +91,9 @@ class RepeatedSearch:
     def _has_rivals(
         self, state: SearchState, own: CandidateTrial, ranked: Sequence[ScreenedCandidate]
     ) -> bool:
-        """Return whether another candidate could take the place of the one that was added: that one
-        leaves more than there was before, or it is not the plainest and another's estimated gain is
-        more than half of its own."""
+        """Return whether another candidate could take the place of the one that was added (own):
+        that one leaves more than was left before the effect was added, or it is not of the plainest
+        and another's estimated gain is more than half of its own."""
         n, sigma = state.counted, state.sigma
         if own.fit.sse - self._known.sse > n * (TUNING.trace * sigma) ** 2:
             return True

@@ -19,14 +19,14 @@ from dehyst.models.signals.lines import gain_of_line
 
 
 def keep_helpful_effects(found: SearchState) -> SearchState:
-    """Return the search without the effects that do not help on held-out samples, or may be
-    another's."""
+    """Return the search without the effects that do not help on held-out samples, or may be lines
+    of the surroundings."""
     problem, sigma = found.problem, found.sigma
     final = _without_lines(found)
     first = blockwise_held_out_error(problem, found.null)
     while final.effects:
         whole = blockwise_held_out_error(problem, final)
-        # next to a cause a hundred times as large, a second one of some noise rms still counts
+        # next to a cause a hundred times as large, a second one of a few noise rms still counts
         of_all = TUNING.trace**2 * max(first - sigma**2, 0.0)
         of_rest = TUNING.minor * max(whole - sigma**2, 0.0)
         losses = []
@@ -66,9 +66,9 @@ def _without_lines(found: SearchState) -> JointFit:
 
 
 def keep_effects_of_known_size(found: SearchState) -> SearchState:
-    """Return the search without the effects whose size is not known to a factor of ten, or is
-    another in each part of the recordings. Of several similar ones, the one that the others best
-    replace is removed first, which may leave another one known."""
+    """Return the search without the effects whose size is not known to a factor of ten, or differs
+    between parts of the recordings. Of several similar ones, the one that the others best replace
+    is removed first, which may leave another one known."""
     final, problem = found.accepted, found.problem
     while final.effects:
         values = intervals(problem, final, found.sigma)
@@ -101,9 +101,9 @@ def _without(found: SearchState, effects: tuple[Effect, ...], one: Effect) -> Jo
 
 
 def has_steady_size(found: SearchState, final: JointFit, effect: Effect) -> bool:
-    """Return whether an effect has one size over the recordings, or one until and another from some
-    time on. What varies by more than half without such a time is made up from other structure, and
-    does not predict another recording."""
+    """Return whether an effect has one size throughout the recordings, or one size before and
+    another after some time. An effect that varies by more than half without such a time is an
+    artefact of other structure, and does not predict another recording."""
     data, sigma = found.problem.data, found.sigma
     x, r = contribution(found.problem, final, effect)
     if constancy(found.problem, sigma, x, r).spread <= TUNING.half:

@@ -14,8 +14,8 @@ from dehyst.models.physics.candidate import Candidate
 
 @dataclass(frozen=True)
 class RivalEffect:
-    """Another candidate in an effect's place, all else refitted; loss: increase of the mean square
-    misfit over the effect's."""
+    """Another candidate in the place of an effect, all else refitted; loss: by how much its mean
+    square misfit exceeds that with the effect."""
 
     key: str
     name: str

@@ -31,7 +31,7 @@ DEGREE = 5  # of functions of the displacement
 LENGTHS = np.array([0.003, 0.006, 0.012, 0.025, 0.05])  # of presliding, relative to the stroke
 MOSTLY = 0.6  # of the correction's power, which one form must explain to be reported
 MORE = 0.15  # that a richer form must explain beyond a plainer one
-ROWS = 20_000
+ROWS = 20_000  # used to compare the forms, about
 SHOWN = 0.15  # of a cause's rms, which the base must leave to distinguish it from a shape
 
 LOOKS = {

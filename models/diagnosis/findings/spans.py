@@ -27,8 +27,8 @@ SETTLES = 3  # times that the values and the time are fitted in turn
 
 
 def with_span(found: SearchState) -> SearchState:
-    """Return a search's result in which one effect is there for part of the time, where that leaves
-    a small part of what the effects found leave; else unchanged."""
+    """Return a search's result in which one effect is present for part of the time, if it leaves
+    only a small part of what the effects found leave; else unchanged."""
     problem, sigma = found.problem, found.sigma
     left = misfit_beyond_noise(problem, found.accepted, sigma)
     if left < (TUNING.strong * sigma) ** 2:
@@ -48,7 +48,7 @@ def with_span(found: SearchState) -> SearchState:
         if gain > TUNING.half * most
         for one in ((span, span.rest) if c.mode == "columns" else (span,))
     ]
-    # how lags and modes are fed was chosen with effects that are there all the time
+    # how lags and modes are fed was chosen with effects that are present all the time
     feeds = [light] if light.data.early else [light.with_zero_order_hold(x) for x in (False, True)]
     each = [_with_best(replace(bare, problem=fed), both) for fed in feeds]
     state = min(each, key=lambda one: one.accepted.sse)
@@ -67,7 +67,7 @@ def with_span(found: SearchState) -> SearchState:
 
 def _with_best(bare: SearchState, starts: Sequence[tuple[Candidate, Theta, Span]]) -> SearchState:
     """Return a search without effects with the best of some in its span; unchanged where none
-    passes, or where it leaves as much as when it is there all the time."""
+    passes, or where it leaves as much as when it is present all the time."""
     problem, sigma, null = bare.problem, bare.sigma, bare.null
     at_first = misfit_beyond_noise(problem, null, sigma)
     judged = [judge(bare, _settle(bare, *one), at_first) for one in starts]
@@ -160,7 +160,7 @@ def _settle(bare: SearchState, c: Candidate, theta: Theta, span: Span) -> Candid
         if trial.gain <= best.gain:
             break
         best = trial
-    # an estimate does not tell where it matters little, as a mode does in a slow recording
+    # estimates do not decide where the effect is small, as that of a mode in a slow recording
     settled = best.fit.effects[0]
     assert settled.span is not None
     extents = _extents(problem.data, span.recording, settled.span.at_s, span.begins)
@@ -173,7 +173,8 @@ def _settle(bare: SearchState, c: Candidate, theta: Theta, span: Span) -> Candid
 
 
 def _is_its_own(trial: CandidateTrial, data: Data) -> bool:
-    """Return whether an effect is no line: a mode that rings on copies one of the surroundings."""
+    """Return whether an effect is not a line: a mode that rings for long copies a line of the
+    surroundings."""
     effect = trial.fit.effects[0]
     ring = effect.candidate.free_oscillation(effect.theta)
     assert effect.span is not None

@@ -29,7 +29,8 @@ TIMES = 24  # that are tried at once, in ever shorter parts
 
 @dataclass(frozen=True)
 class _Change:
-    """A time from which on the stage is another. fall: of the sum of squares, estimated."""
+    """A time from which on the stage has another gain and level. fall: estimated decrease of the
+    sum of squares."""
 
     span: Span
     fall: float

@@ -15,7 +15,7 @@ from dehyst.models.recording import Floats
 SIZES = (1.0, 0.8, 0.6, 0.4)  # of the drive range
 SIZES_STATIC = (1.0, 0.7, 0.5, 0.3)  # of the drive range, for a static model
 PACES = (0.02, 0.05, 0.08, 0.4, 0.8, 1.2)  # of the largest rate
-CYCLES = 8
+CYCLES = 8  # of each sine, while its centre moves through the range and back
 SAMPLES = 60  # per cycle
 
 

@@ -27,18 +27,18 @@ from dehyst.models.signals.rounding import quantum
 REFUSED_BUTTERFLY = f"{BUTTERFLY}; keep the drive on one side of the turning points"
 
 TURN, JUMP, REPEATED = 0.04, 0.07, 0.07
-"""Of a turn with friction: the way after it as a fraction of the drive's range; by how much the
+"""Of a turn with friction: the travel after it, as a fraction of the drive's range; by how much the
 displacement moves further than the drive, as a fraction of its range, where creep, rate and
-resonance leave 0.05; least width of the loop that shows that it repeats."""
+resonance leave 0.05; least width of the loop, which shows that it repeats."""
 SAME_SIGNAL = 1e-9
 """Residual of a straight line through the drive, as a fraction of the rms of the displacement,
 below which the displacement is a copy of the drive."""
 IN_JUMPS, FEWEST_JUMPS = 0.15, 4
-"""Largest share of its way that a reading may make in jumps, where gauges with outliers, hum and
-polled readings reach 0.03 and stick-slip begins at 0.2; number that is no chance."""
+"""Largest share of its travel that a reading may make in jumps: gauges with outliers, hum and
+polled readings reach 0.03, and stick-slip begins at 0.2; number of jumps that is not chance."""
 ROUNDED, EXACT = 0.5, 1e-3
-"""Residual of the same over the steps of both columns, where they are written with few digits;
-largest step over the range for which that is no coarse gauge."""
+"""Residual of that line over the sum of both columns' steps, if they are written with few digits;
+largest step, as a fraction of the range, that is taken for rounding and not for a coarse gauge."""
 LEVELS, FEWEST_AT_A_LEVEL = 20, 3
 """Number of drive levels at which rising and falling readings are compared; least number of
 readings of each."""
@@ -148,9 +148,10 @@ def require_own_input(
 
 
 def find_least_loop(rows: int, unknowns: int) -> float:
-    """Return the width of the narrowest loop that so many rows show, over the noise rms of one.
+    """Return the width of the narrowest loop that this many rows show, over the noise rms of one
+    row.
 
-    A straight line through an ellipse leaves an rms of its width over WIDTH; a fit of so many
+    A straight line through an ellipse leaves an rms of its width over WIDTH; a fit of this many
     unknowns reduces the power of white noise by a chi-square with as many degrees of freedom.
     """
     chance = unknowns + 3.0 * np.sqrt(2.0 * unknowns)
@@ -175,7 +176,7 @@ def require_ordinary_loop(recordings: Sequence[Recording]) -> None:
 
 
 def _require_another_signal(name: str, u: Floats, y: Floats) -> None:
-    """Raise BadRecording if the displacement (N,) is the drive (N,) times a constant, but for
+    """Raise BadRecording if the displacement (N,) is the drive (N,) times a constant, apart from
     rounding."""
     known = ~np.isnan(u) & ~np.isnan(y)
     u, y = u[known], y[known]
@@ -206,8 +207,8 @@ def _require_no_jumps(name: str, u: Floats, y: Floats) -> None:
 
 
 def _require_smooth(name: str, u: Floats, y: Floats) -> None:
-    """Raise BadRecording if the displacement (N,) goes a part of its way in jumps while the drive
-    moves evenly, as with stick-slip or a ferroelectric that switches."""
+    """Raise BadRecording if the displacement (N,) makes part of its travel in jumps while the drive
+    moves smoothly, as with stick-slip or ferroelectric switching."""
     known = ~np.isnan(u) & ~np.isnan(y)
     share, count = measure_share_in_jumps(u[known], y[known])
     if share > IN_JUMPS and count >= FEWEST_JUMPS:
@@ -219,8 +220,8 @@ def _require_smooth(name: str, u: Floats, y: Floats) -> None:
 
 
 def _require_order(name: str, u: Floats) -> None:
-    """Raise BadRecording if no row of a drive (N,) follows from those before it: where it shows no
-    hysteresis either, the rows are in no order of time."""
+    """Raise BadRecording if no row of a drive (N,) follows from those before it: if no hysteresis
+    is visible either, the rows are not in time order."""
     u = u[~np.isnan(u)]
     size = float(np.median(np.abs(np.diff(u)))) / float(np.ptp(u))
     if size < TUNING.small:
@@ -237,8 +238,8 @@ def _require_order(name: str, u: Floats) -> None:
 
 
 def _note_stop(name: str, u: Floats, y: Floats, unit: str) -> list[str]:
-    """Return a remark if the displacement (N,) stays where it is while the drive (N,) goes on to an
-    end of its range."""
+    """Return a remark if the displacement (N,) stays where it is while the drive (N,) continues to
+    an end of its range."""
     known = ~np.isnan(u) & ~np.isnan(y)
     u, y = u[known], y[known]
     level, way = _levels(u), np.sign(np.gradient(u))

@@ -13,9 +13,10 @@ from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats, Recording
 from dehyst.models.signals.error_size import rms
 
-ROUGHNESS_ROWS = 100_000
+ROUGHNESS_ROWS = 100_000  # used to measure the roughness: enough for a median
 PLACES, FEW_PLACES = 100, 3
-"""Equal parts of the drive's range; so many of them are too few to show a loop."""
+"""Number of equal parts of the drive's range; number of parts at which a drive that rests in no
+others shows no loop."""
 
 
 def require_same_units(recordings: Sequence[Recording]) -> None:
@@ -144,7 +145,7 @@ def require_better_than_a_line(
         (some,) = thin([pick], TUNING.rows_fitted)
         own = float(np.nanmax(one.u) - np.nanmin(one.u))
         if int(some.sum()) < TUNING.fewest_rows or np.ptp(one.u[some]) < TUNING.half * own:
-            continue  # a rest, of which a straight line leaves as little
+            continue  # a rest, where a straight line fits as well
         line = measure_line(one.u[some], one.y[some])
         left = rms(error[some])
         if not left <= line:

@@ -161,7 +161,7 @@ def test_nothing_is_printed_and_what_is_given_stays_as_it_is(
         (lambda: dehyst.identify({"u_v": [0, 1], "y_um": [0, 1]}), "no column of times"),
         (lambda: dehyst.simulate("paper-eq12", {"t_s": [0, 1], "u_nm": [0, 1]}), "drive is in nm"),
         (lambda: dehyst.simulate("paper-eq12", [0, 1], [0, 1, 2]), "unequal length"),
-        (lambda: dehyst.simulate("paper-eq12", [0, 0], [0, 1]), "the time does not increase"),
+        (lambda: dehyst.simulate("paper-eq12", [0, 0], [0, 1]), "the time is 0 in every row"),
         (lambda: dehyst.simulate(3, [0, 1], [0, 1]), "int is not a model"),
         (lambda: dehyst.simulate("nowhere.toml", [0, 1], [0, 1]), "nowhere.toml: cannot be read"),
         (lambda: dehyst.invert("paper-eq12", [0, 1]), "one trajectory"),

@@ -157,7 +157,7 @@ NAMES = "Time (s),Voltage (V),Displacement (um)"
 
 def test_the_newest_row_first(tmp_path: Path) -> None:
     path = write(tmp_path / "a.csv", [NAMES], T[::-1], U[::-1], Y[::-1])
-    assert "the newest row stands first; reverse the order of the rows" in asked(path)
+    assert "the newest row is first; reverse the order of the rows" in asked(path)
     is_it(read(write(path, [NAMES], T, U, Y)))
 
 

@@ -135,7 +135,7 @@ def test_rows_that_end_before_a_column_are_not_left_out(tmp_path: Path) -> None:
     short = [row.rpartition(",")[0] for row in body]
     for cut in (3, 200, 390):
         path = write(tmp_path / "a.csv", NAMES, *short[:cut], *body[cut:])
-        assert "a field too" in asked(path)
+        assert "one field too" in asked(path)
 
 
 def test_a_column_of_remarks_that_begins_late(
@@ -300,7 +300,7 @@ def test_segments_of_labview_that_each_begin_at_0_are_recordings(tmp_path: Path)
 
 def test_labview_with_a_step_for_each_channel_is_refused(tmp_path: Path) -> None:
     lines = [line.replace("Delta_X\t0,005\t0,005", "Delta_X\t0,005\t0,01") for line in lvm("No", 1)]
-    assert "a row each 0.005 s" in asked(write(tmp_path / "a.lvm", *lines))
+    assert "a row every 0.005 s" in asked(write(tmp_path / "a.lvm", *lines))
 
 
 def test_segments_of_labview_with_other_channels_are_refused(tmp_path: Path) -> None:

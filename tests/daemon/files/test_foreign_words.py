@@ -171,7 +171,7 @@ def test_a_day_in_front_of_the_month_is_not_a_pause_of_a_month(tmp_path: Path, h
         return f"{day:02d}/03/2024 {'23' if t < 1.0 else '00'}:{rest}"
 
     path = write(tmp_path / "a.csv", *dated(british))
-    assert "line 202: if the day stands before the month, write the dates as 2024-03-05" in asked(
+    assert "line 202: if the day comes before the month, write the dates as 2024-03-05" in asked(
         path
     )
     is_it(read(path, rate_hz=200.0))
@@ -226,7 +226,7 @@ OTHERS = {
 def test_a_line_that_is_none_of_the_recordings_is_named(tmp_path: Path, line: str) -> None:
     said = asked(write(tmp_path / "a.csv", NAMES, *BODY, line))
     assert OTHERS[line] in said
-    assert "delete the line where it is none of the recording's" in said
+    assert "delete the line if it is not part of the recording" in said
 
 
 def test_zero_bytes_at_the_end_are_named_by_their_line(tmp_path: Path) -> None:
@@ -244,8 +244,8 @@ def test_the_suffix_of_another_kind_is_said(tmp_path: Path) -> None:
         "a.xlsx": (text, "not a spreadsheet but text: rename it to .txt"),
         "a.mat": (text, "not a MATLAB file but text: rename it to .txt"),
         "b.npy": (text, "not an .npy file but text: rename it to .txt"),
-        "b.csv": ((tmp_path / "a.npy").read_bytes(), "begins as a .npy file does: rename it"),
-        "c.txt": (b"PK\x03\x04" + bytes(40), "begins as a .zip file does: rename it"),
+        "b.csv": ((tmp_path / "a.npy").read_bytes(), "begins like a .npy file: rename it"),
+        "c.txt": (b"PK\x03\x04" + bytes(40), "begins like a .zip file: rename it"),
         "a.xyz": (text, "rename it to .txt"),
     }
     for name, (data, what) in others.items():

@@ -285,7 +285,7 @@ def test_channels_one_below_the_other_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BadRecording, match=r"names the channel of each row in turn \('drive'"):
         read_columns(in_turn)
     below = write(tmp_path / "b.csv", long(np.arange(2 * N)))
-    with pytest.raises(BadRecording, match="the same times come again: one channel stands below"):
+    with pytest.raises(BadRecording, match="the same times come again: one channel is below"):
         read_columns(below)
     octave = ["# name: t", *map(str, T), "# name: u", *map(str, U)]
     with pytest.raises(BadRecording, match=f"line {N + 2} begins another variable"):

@@ -188,7 +188,7 @@ def test_a_damaged_file_is_said_to_be_cut_or_damaged(tmp_path: Path) -> None:
 
 def test_a_workbook_behind_a_password_is_not_called_damaged(tmp_path: Path) -> None:
     (tmp_path / "a.xlsx").write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600))
-    assert "is protected by a password, or of Excel 97" in asked(tmp_path / "a.xlsx")
+    assert "is protected by a password, or an Excel 97 file" in asked(tmp_path / "a.xlsx")
 
 
 def test_rows_below_names_and_nested_fields_of_json(tmp_path: Path) -> None:

@@ -93,13 +93,13 @@ def test_what_is_wrong_in_a_packed_file_is_said_of_its_own_name(tmp_path: Path) 
 
 def test_the_remedy_for_a_file_of_unknown_kind_is_that_of_its_content(tmp_path: Path) -> None:
     (tmp_path / "a.xls").write_bytes(TEXT)
-    assert "it begins as text does: rename it to .txt" in asked(tmp_path / "a.xls")
+    assert "it begins like text: rename it to .txt" in asked(tmp_path / "a.xls")
     (tmp_path / "a.csv").write_bytes(gzip.compress(TEXT))
-    assert "begins as a .gz file does: rename it to a.csv.gz" in asked(tmp_path / "a.csv")
+    assert "begins like a .gz file: rename it to a.csv.gz" in asked(tmp_path / "a.csv")
     zipped(TEXT, "mimetype", "content.xml")(tmp_path / "a.ods")
     assert "save it as .csv or .xlsx" in asked(tmp_path / "a.ods")
     zipped(TEXT, "xl/workbook.xml")(tmp_path / "a.xls")
-    assert "it begins as a .xlsx does: rename it to .xlsx" in asked(tmp_path / "a.xls")
+    assert "it begins like a .xlsx file: rename it to .xlsx" in asked(tmp_path / "a.xls")
 
 
 JSON = {

@@ -128,8 +128,8 @@ def test_different_periods_are_refused_with_both(
     path = write(tmp_path / "a", late=0.0, step=2 * STEP)
     for options in ({}, {"rate_hz": 200.0}):
         text = asked(path, **options)
-        assert "a row each 0.005 s" in text
-        assert "each 0.01 s: bring them" in text
+        assert "a row every 0.005 s" in text
+        assert "every 0.01 s: bring them" in text
 
 
 def test_beginnings_without_a_period_need_the_rate(tmp_path: Path) -> None:

@@ -45,6 +45,12 @@ def test_rounded_times_with_a_pause_are_not_made_even() -> None:
         settled(np.round(true, 2))
 
 
+def test_one_time_in_all_rows_asks_for_the_rate() -> None:
+    """As LabVIEW writes it where a loop writes one sample at a time."""
+    with pytest.raises(BadRecording, match=r"the time is 0 in every row.*add --rate HZ"):
+        settled(np.zeros(50))
+
+
 def test_a_row_that_is_written_twice_is_left_out_once() -> None:
     t_s = np.array([0.0, 1.0, 1.0, 2.0, 3.0])
     times = settled(t_s, same=True)

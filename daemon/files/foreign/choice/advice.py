@@ -45,9 +45,9 @@ def _name(columns: Sequence[Column], i: int) -> str:
 def most_like(
     columns: Sequence[Column], of: Sequence[int], role: str, others: Mapping[str, int]
 ) -> int:
-    """Return the candidate to advise: the one of the same axis or number as the other column of
-    drive and displacement, a voltage for the drive and a length for the displacement, what was
-    measured."""
+    """Return the candidate to advise: the one with the axis or number of the column for the other
+    role (drive or displacement), then a voltage for the drive or a length for the displacement,
+    then one that was measured."""
     other = others.get("y" if role == "u" else "u")
     beside = _marks(columns[other].heading) if other is not None else set()
 
@@ -127,8 +127,8 @@ def _advised_without_headings(
     columns: Sequence[Column], free: Sequence[int], roles: Sequence[str], also: Sequence[str]
 ) -> tuple[dict[str, int], bool]:
     """Return (column to advise for each role, whether none of them holds times): the times rise,
-    row numbers are no times, and what stands still or is there twice is only advised where nothing
-    else is left for a role. also: roles to advise columns for if there are any left."""
+    row numbers are no times, and a column that is constant or a duplicate is advised only if
+    nothing else is left for a role. also: further roles, to advise columns for if any are left."""
     steady = [i for i in free if rises_evenly(columns[i].values)]
     rising = [i for i in steady if not counts_up(columns[i].values)]
     rising += [i for i in free if i not in steady and never_falls(columns[i].values)]

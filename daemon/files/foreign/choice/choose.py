@@ -38,7 +38,7 @@ from dehyst.daemon.files.foreign.units import UNITS, find_unit_key, split_headin
 from dehyst.models.errors import BadRecording
 
 SAMPLES_OF = 8
-"""Where a row holds more numbers than this for each row of the file, these are samples."""
+"""A file with more than this many columns per row has a sample in each column, not in each row."""
 
 
 def choose_columns(
@@ -138,7 +138,7 @@ def choose_columns(
 
 
 def _refuse_turned(name: str, columns: Sequence[Column]) -> None:
-    """Raise BadRecording if the columns are so many and so short that they are samples."""
+    """Raise BadRecording if there are so many and so short columns that each must be a sample."""
     rows = len(columns[0].values)
     if len(columns) > SAMPLES_OF * rows:
         raise BadRecording(f"{name}: it holds {rows} rows of {len(columns)} numbers each{TURNED}")
@@ -247,9 +247,9 @@ def _may_be_time(column: Column, role: tuple[str, int]) -> bool:
 
 
 def _one_time(columns: Sequence[Column], found: Sequence[int]) -> int | None:
-    """Return which of several columns of times to take where all tell the same time, in units that
-    the file gives, such as a date next to the elapsed seconds; None where they do not, or where
-    others are between them, each of which may have a time of its own."""
+    """Return which of several columns of times to take if all give the same time, in units that the
+    file gives, such as a date next to the elapsed seconds; None if they do not, or if others are
+    between them, each of which may have a time of its own."""
     scales = [
         1.0 if columns[i].clock else UNITS.get(unit_of_column(columns[i]), ("", "", 0.0))[2]
         for i in found

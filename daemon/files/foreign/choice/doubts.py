@@ -9,9 +9,9 @@ from dehyst.daemon.files.foreign.roles import unit_of_column, words_of
 from dehyst.daemon.files.foreign.units import find_unit_key
 
 DATES, DATE_STEP = ((0.01, 1.0), (30_000.0, 80_000.0), (700_000.0, 750_000.0)), 2e-5
-"""Times of day as spreadsheets keep them, and serial dates of spreadsheets and of MATLAB in this
-century [days]; more than their step at one row per second. In seconds that step would mean 50
-kHz."""
+"""DATES: ranges of times of day as spreadsheets store them, and of serial dates of spreadsheets and
+of MATLAB in this century [days]; DATE_STEP: more than their step at one row per second. In seconds
+it would mean 50 kHz."""
 LEAST_STEP_S = 2e-7
 """Times without a unit that step by less than this are days rather than seconds."""
 _OTHER_VOLTS = re.compile(r"(?<![^\W\d])(?:[mk]V|(?:milli|kilo)volts?)(?!\w)")
@@ -40,8 +40,8 @@ def other_volts(notes: Mapping[str, str], columns: Sequence[Column], drive: Colu
 
 
 def _units_of_channels(notes: Mapping[str, str]) -> str:
-    """Return the line of a preamble that gives a unit for each channel, of which one is no volt, as
-    oscilloscopes write for a current probe: "Vertical Units,V,A"; "" if there is none."""
+    """Return the line of a preamble that gives a unit for each channel, one of which is not a volt,
+    as oscilloscopes write for a current probe: "Vertical Units,V,A"; "" if there is none."""
     for key, text in notes.items():
         units = [unit.strip() for unit in re.split(r"[,;\t]| +", text) if unit.strip()]
         if _UNITS_LINE.fullmatch(key.strip(' "')) and any(find_unit_key(u) != "v" for u in units):

@@ -43,7 +43,7 @@ NEEDS = {
 
 
 DAMAGED = "it is cut short or damaged"
-"""All that a library's exception is certain to mean: its own words say nothing to a user."""
+"""All that a library's exception is certain to mean; its own text would mean nothing to a user."""
 
 
 def read_apart(path: Path) -> Sheet:

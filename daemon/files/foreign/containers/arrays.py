@@ -38,8 +38,8 @@ MOST_NOTE = 200
 
 def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
     """Return the columns in arrays. Single numbers and texts become notes, lists of texts name the
-    columns of the arrays beside them; arrays that hold no columns of numbers are left out, which is
-    reported."""
+    columns of the arrays next to them; arrays that hold no columns of numbers are left out, which
+    is reported."""
     columns: list[Column] = []
     kept = dict(notes)
     left: list[str] = []
@@ -135,8 +135,8 @@ def texts_in(array: Any) -> list[str]:
 
 
 def _written_in(name: str, texts: Sequence[str]) -> list[Column]:
-    """Return texts that are all times or dates, or more numbers with decimal points than there can
-    be names, as a column; [] for others."""
+    """Return texts as a column if all are times or dates, or if all are numbers with decimal
+    points, and too many to be names; [] for others."""
     clock = moment_of(texts[0].strip()) is not None
     if len(texts) < 2 or not (clock or (len(texts) > MOST_COLUMNS and "," not in "".join(texts))):
         return []
@@ -149,10 +149,10 @@ def _written_in(name: str, texts: Sequence[str]) -> list[Column]:
 def of_one_length(
     name: str, found: Sheet, wanted: Iterable[str] = (), needs: Iterable[str] = ()
 ) -> Sheet:
-    """Keep only columns of one length: of the wanted columns or else of all, that of the time and
-    the drive, or of most roles, or the longest. needs: further roles that are required. Raises
-    BadRecording if several lengths hold a drive and a displacement, and none is wanted, or none
-    holds both."""
+    """Keep only the columns of one length. Among the lengths of the wanted columns, or else of all,
+    it is that of the time and the drive, or the one with the most roles, or the longest. needs:
+    further roles that are required. Raises BadRecording if several lengths hold a drive and a
+    displacement, and none is wanted, or none holds both."""
     sizes = {column.values.size for column in found.columns}
     if len(sizes) < 2:
         return found

@@ -11,7 +11,7 @@ UNIT_ATTRIBUTES = (
     "unit", "units", "Unit", "Units", "unit_string", "UNIT", "NI_UnitDescription",
 )  # fmt: skip
 OF_LIBRARIES = ("MATLAB_", "DIMENSION_", "NI_", "wf_", "_")
-"""What the names of attributes begin with that libraries write for themselves."""
+"""Prefixes of the attributes that libraries write for their own use."""
 LONGEST_TEXT = 4000
 
 
@@ -36,8 +36,8 @@ def _single(value: Any) -> Any:
 
 
 def text_in(attributes: Any, *names: str) -> str:
-    """Return the first of these attributes that is there as a text, "" if none is. "N." is None,
-    as pandas writes it."""
+    """Return the first of these attributes that is a text, "" if none is. "N." is how pandas writes
+    None."""
     for name in names:
         value = _single(attributes.get(name))
         if isinstance(value, str | bytes) and (text := text_of(value)) != "N.":
@@ -50,7 +50,7 @@ def unit_in(attributes: Any) -> str:
 
 
 def _number_in(attributes: Any, *names: str) -> float | None:
-    """Return the first of these attributes that is one number, None if none is."""
+    """Return the first of these attributes that is a single number, None if none is."""
     for name in names:
         value = np.asarray(attributes.get(name, ""))
         if value.size == 1 and value.dtype.kind in "iuf":
@@ -75,7 +75,7 @@ def as_scaled(attributes: Any, values: Any) -> tuple[str, Any]:
 
 
 def wave_in(properties: Any, first: Any) -> tuple[float, float] | None:
-    """Return (beginning, period) [s] of a waveform, None of another channel. first: the earliest
+    """Return (beginning, period) [s] of a waveform, None for any other channel. first: the earliest
     moment at which one begins, from which the others are counted."""
     step = properties.get("wf_increment", 0.0)
     along = str(properties.get("wf_xunit_string", "") or "s")

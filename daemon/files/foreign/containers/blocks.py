@@ -19,8 +19,8 @@ MOST_SIDE_BY_SIDE = 8
 
 def joined_blocks(arrays: Sequence[Given]) -> tuple[list[Given], list[str]]:
     """Return (arrays, names of those left out): times, drive and displacement of one shape (N, M)
-    become (N M,) in the order in which the times rise. They are left out where these rise in
-    neither, unless all blocks have the same times."""
+    become (N M,) in the order in which the times rise. They are left out if the times rise in
+    neither order, unless all blocks have the same times."""
     sets: dict[Key, dict[str, Any]] = {}
     for one in arrays:
         if (key := _key_of(one)) is not None:
@@ -41,8 +41,8 @@ def joined_blocks(arrays: Sequence[Given]) -> tuple[list[Given], list[str]]:
 
 
 def _key_of(one: Given) -> Key | None:
-    """Return what arrays have in common that belong together, None of one without two dimensions of
-    numbers."""
+    """Return the key that arrays which belong together have in common; None for an array that does
+    not have two dimensions of numbers."""
     values = one.values
     if not isinstance(values, np.ndarray) or values.ndim != 2 or values.dtype.kind not in "iuf":
         return None

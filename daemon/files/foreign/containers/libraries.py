@@ -117,7 +117,8 @@ def read_hdf5(path: Path) -> Sheet:
         return letters.tobytes().decode("utf-16-le", "replace")
 
     def follow(name: str, kind: str, items: Sequence[Any], deep: int) -> None:
-        """Take what the references of a cell, or of one field of an array of structures, are to."""
+        """Take the targets of the references in a cell, or in one field of an array of
+        structures."""
         kinds = {text_of(item.attrs.get("MATLAB_class", b"")) for item in items}
         if kinds == {"char"} and kind == "cell":
             arrays.append(Given(name, np.array([characters(item) for item in items])))
@@ -168,7 +169,8 @@ def read_xlsx(path: Path) -> Sheet:
     with path.open("rb") as file:
         if file.read(4) == b"\xd0\xcf\x11\xe0":
             raise BadRecording(
-                "is protected by a password, or of Excel 97: save it as .xlsx without a password"
+                "is protected by a password, or an Excel 97 file: save it as .xlsx without a "
+                "password"
             )
     book = load_workbook(path, read_only=True, data_only=True)
     sheets: list[tuple[str, Sheet]] = []
@@ -299,8 +301,8 @@ def read_feather(path: Path) -> Sheet:
 
 
 def _of_table(table: Any) -> Sheet:
-    """Return the columns of a table of Arrow. What other programs write into its metadata, apart
-    from their own layouts, becomes notes."""
+    """Return the columns of an Arrow table. What other programs write into its metadata, apart from
+    their own layouts, becomes notes."""
     beside = {text_of(k): text_of(v)[:200] for k, v in (table.schema.metadata or {}).items()}
     notes = {key: text for key, text in beside.items() if key not in LAYOUTS}
     return found_in(_columns_of(table), notes)
@@ -328,8 +330,8 @@ def read_netcdf(path: Path) -> Sheet:
 
 
 def read_json(path: Path) -> Sheet:
-    """Read JSON, or a JSON value in each line, as also files named .json hold: columns by name, or
-    a list of rows."""
+    """Read JSON, or one JSON value per line, which files named .json may also hold: columns by
+    name, or a list of rows."""
     import json
 
     text = path.read_text("utf-8-sig")
@@ -344,7 +346,7 @@ def read_json(path: Path) -> Sheet:
 
 
 def _columns_of(table: Any) -> Iterator[Given]:
-    """Yield the columns of a table of Arrow, with the units in the metadata of its fields."""
+    """Yield the columns of an Arrow table, with the units in the metadata of its fields."""
     for field, column in zip(table.schema, table.columns, strict=True):
         beside = {text_of(k): text_of(v) for k, v in (field.metadata or {}).items()}
         for name, values in flattened(column.to_numpy(), field.name):
