@@ -39,6 +39,7 @@ from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 Array = TypeVar("Array", Floats, Ints, Bools)
 
 STEPS = 4  # of the fit with a fixed design, after which the design is rebuilt
+SETTLED = 0.3  # fall of chi-square in one round that ends a close fit: half a standard deviation
 
 
 @dataclass
@@ -308,6 +309,11 @@ class Problem:
             if gain < (early if settle is None else settle):
                 break
         return best
+
+    def refit_closely(self, effects: Sequence[Effect], sigma: float) -> JointFit:
+        """Fit everything jointly until the parameters are known as well as the noise allows.
+        sigma: rms of the noise."""
+        return self.refit(effects, rounds=8, settle=SETTLED * sigma**2)
 
     def _inner(self, fitted: JointFit, reach: float) -> tuple[Effect, ...] | None:
         """Take damped Gauss-Newton steps against the projected residual with a fixed design; return

@@ -149,7 +149,8 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
     else:
         steady = constancy(problem, sigma, *contribution(problem, trial.fit, effect))
         leaves = misfit_beyond_noise(problem, trial.fit, sigma)
-        if trial.candidate.is_last_resort and leaves > max((0.3 * sigma) ** 2, 0.25 * left):
+        seen = max((TUNING.clear * sigma) ** 2, TUNING.quarter * left)
+        if trial.candidate.is_last_resort and leaves > seen:
             why = why or "structure remains that it does not explain"
         if not why and (steady.wrong > 0.3 or steady.spread > trial.candidate.widest_spread):
             why = "not constant over the recordings"

@@ -265,7 +265,7 @@ def _search_fed(
     found = search(light.problem, sigma, light.null, say, share, forbidden)
     say("fitting all samples", 0.86)
     final = found.accepted
-    final = problem.refit(final.effects, rounds=8, settle=0.3 * sigma**2) if final.effects else null
+    final = problem.refit_closely(final.effects, sigma) if final.effects else null
     return replace(found, problem=problem, null=null, accepted=final)
 
 
@@ -281,10 +281,10 @@ def _fed_otherwise(found: SearchState) -> SearchState:
     ahead_s = 0.5 * problem.data.period * (1.0 if stepped else -1.0)
     other = problem.with_zero_order_hold(stepped)
     moved = [replace(e, theta=e.candidate.after(ahead_s, e.theta)) for e in effects]
-    fit = other.refit(moved, rounds=8, settle=0.3 * sigma**2)
+    fit = other.refit_closely(moved, sigma)
     held = _with_hold(problem.data, moved) if stepped else []
     if held:
-        late = other.refit(held, rounds=8, settle=0.3 * sigma**2)
+        late = other.refit_closely(held, sigma)
         least = min(misfit_beyond_noise(problem, one, sigma) for one in (found.accepted, fit))
         if misfit_beyond_noise(other, late, sigma) < TUNING.quarter * least:
             fit = late
@@ -295,7 +295,7 @@ def _fed_otherwise(found: SearchState) -> SearchState:
     if smooth is problem.data:
         return fed
     through = replace(problem, data=smooth)
-    curved = through.refit(effects, rounds=8, settle=0.3 * sigma**2)
+    curved = through.refit_closely(effects, sigma)
     return replace(found, problem=through, accepted=curved) if curved.sse < fit.sse else fed
 
 

@@ -91,13 +91,13 @@ def without_effects_of_kind(
     rest = [e for e in found.accepted.effects if not of_kind(e.candidate)]
     if len(rest) == len(found.accepted.effects):
         return found
-    final = found.problem.refit(rest, settle=0.3 * found.sigma**2) if rest else found.null
+    final = found.problem.refit_closely(rest, found.sigma) if rest else found.null
     return replace(found, accepted=final)
 
 
 def _without(found: SearchState, effects: tuple[Effect, ...], one: Effect) -> JointFit:
     rest = [o for o in effects if o is not one]
-    return found.problem.refit(rest, settle=0.3 * found.sigma**2) if rest else found.null
+    return found.problem.refit_closely(rest, found.sigma) if rest else found.null
 
 
 def has_steady_size(found: SearchState, final: JointFit, effect: Effect) -> bool:

@@ -35,7 +35,7 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
     limit = max(
         (TUNING.visible * sigma) ** 2,
         TUNING.crumb * gain,
-        1.5 * misfit_beyond_noise(problem, final, sigma),
+        TUNING.near * misfit_beyond_noise(problem, final, sigma),
     )
     limit = min(limit, TUNING.quarter * gain)  # where much is left, a rival must still remove most
     taken = {e.candidate.key for e in final.effects}

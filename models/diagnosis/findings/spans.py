@@ -58,7 +58,7 @@ def with_span(found: SearchState) -> SearchState:
     if misfit_beyond_noise(state.problem, state.accepted, sigma) > TUNING.quarter * left:
         return found  # the last fit takes away a part of this, not half
     problem = problem.with_zero_order_hold(state.problem.data.stepped)
-    final = problem.refit(state.accepted.effects, rounds=8, settle=0.3 * sigma**2)
+    final = problem.refit_closely(state.accepted.effects, sigma)
     if misfit_beyond_noise(problem, final, sigma) > TUNING.minor * left:
         return found  # a part of any change in time looks like some effect that begins
     counted = int(light.data.rows.sum())

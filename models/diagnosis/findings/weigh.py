@@ -65,7 +65,7 @@ def conclude(
     correction = measure_correction(found.problem, found.accepted, without, held)
     findings = _without_echoes(report_effects(found.problem, found, held))
     rest = without - held - sum(f.share for f in findings)
-    if rest > TUNING.most * (without - held) and correction.rms**2 > 0.25 * rest:
+    if rest > TUNING.most * (without - held) and correction.rms**2 > TUNING.quarter * rest:
         # the effects are a small part of what is explained: the rest is the base's, as far as its
         # correction is that large; without the effects it would have absorbed them
         correction = replace(correction, gain=max(correction.gain, rest))
