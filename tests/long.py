@@ -714,6 +714,7 @@ LONG: dict[str, dict[str, tuple[str, ...]]] = {
         "daemon/files/test_contradictions.py": ("test_a_rate_next_to_times_of_another_is_said[dt",),
         "daemon/report/test_every_picture.py": (
             "test_a_picture_of_a_recording_that_shows_little_is_drawn[lively",
+            "test_a_picture_of_a_recording_that_shows_little_is_drawn[vast",
             "test_a_report_of_a_recording_that_shows_little_has_all_its_pictures[zero]",
         ),
         "daemon/doctor/test_story.py": (

@@ -58,7 +58,9 @@ THOROUGH = (
     "daemon/report/test_choice.py", "daemon/epics/test_waiting.py",
     "daemon/gateway/test_case_keeper.py", "daemon/gateway/test_trial_ends.py",
     "benchmarks/models/test_whose_lag.py", "daemon/loop/test_trim_anew.py",
-    "daemon/loop/test_staying.py",
+    "daemon/loop/test_staying.py", "packaging/test_mutations_apply.py",
+    "packaging/test_systems.py", "daemon/loop/test_compiled_loop.py",
+    "daemon/gateway/test_trial_motion.py",
 )  # fmt: skip
 """Folders and files of the tests in `thorough`."""
 LONGEST = (
