@@ -115,7 +115,7 @@ def lay_out(
     names, step_s = gcs_header(above, width)
     found.headings[: len(names)] = names
     step_s = step_s or found.step_s
-    stated = [step for cells in _with_units_below(left) if (step := stated_step(cells, decimal))]
+    stated = [step for cells in _with_their_units(left) if (step := stated_step(cells, decimal))]
     if stated and max(stated) <= (1.0 + SAME_STEP) * min(stated):  # otherwise they contradict
         step_s = step_s or stated[0]
     width = len(found.headings)
@@ -167,7 +167,7 @@ def _width_of_most(kinds: Sequence[Sequence[int]], width: int) -> int:
     )
 
 
-def _with_units_below(lines: Sequence[tuple[int, Row]]) -> list[list[str]]:
+def _with_their_units(lines: Sequence[tuple[int, Row]]) -> list[list[str]]:
     """Return the fields of the preamble's lines; those of two fields with the unit that the next
     line gives alone ("Sampling rate,1" above "Unit,kHz"), and Yokogawa's resolution of time with
     the unit of its own line ("HResolution,1.0e-03,1.0e-03", "HUnit,s,s")."""

@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgpack
@@ -17,6 +18,7 @@ from dehyst.daemon.bus import encoding, messages
 from dehyst.daemon.bus.encoding import MAX_ANSWERED_BYTES, MAX_COMMAND_BYTES
 from dehyst.daemon.bus.session import Asked, Bus
 from dehyst.daemon.client.client import Client
+from dehyst.daemon.client.telemetry import TelemetryStream
 
 DEAF = 15
 SLOW, SLOW_BYTES_PER_S, SLOW_FOR_S = 5, 100_000, 10.0
@@ -37,49 +39,73 @@ class Ear:
         return float(np.diff([*self.times, time.monotonic()]).max())
 
 
-@contextmanager
-def deaf_subscribers(port: int, root: str, count: int, bytes_per_s: int = 0) -> Iterator[None]:
-    """Run clients that stop reading once they have received something, or read so slowly."""
-    command = subprocess.Popen(
-        [sys.executable, "-m", "tests.rigs.hostile", str(port), root + "/**", str(count),
-         str(bytes_per_s)],
-        stdout=subprocess.PIPE, env=environment() | {"PYTHONPATH": f"{ROOT / 'src'}:{ROOT}"},
-    )  # fmt: skip
-    with command as deaf:
-        try:
-            assert deaf.stdout is not None
-            assert deaf.stdout.readline() == b"deaf\n"
-            yield
-        finally:
-            deaf.kill()
+@dataclass
+class Watched:
+    """A gateway at 4 kHz, an operator, and a listener whose telemetry is timed."""
+
+    bench: Bench
+    operator: Client
+    listener: Client
+    samples: TelemetryStream
+    telemetry: Ear
+    pauses: list[float]
+    begun: int
+
+    @property
+    def longest_allowed_s(self) -> float:
+        """The longest silence that counts as none [s]: a machine that stands still is silent."""
+        pause_s = longest_pause_s(self.bench.loop.samples(self.begun))
+        return LONGEST_SILENCE_S + max(self.pauses) + pause_s
+
+    @contextmanager
+    def beside(self, count: int, bytes_per_s: int = 0) -> Iterator[None]:
+        """Run subscribers that stop reading once they have received something, or read so many
+        bytes a second."""
+        key = self.operator.keys.root + "/**"
+        crowd = [str(self.bench.port), key, str(count), str(bytes_per_s)]
+        command = [sys.executable, "-m", "tests.rigs.hostile", *crowd]
+        paths = environment() | {"PYTHONPATH": f"{ROOT / 'src'}:{ROOT}"}
+        with subprocess.Popen(command, stdout=subprocess.PIPE, env=paths) as deaf:
+            try:
+                assert deaf.stdout is not None
+                assert deaf.stdout.readline() == b"deaf\n"
+                assert self.operator.status().gateway.links == 2 + count
+                yield
+            finally:
+                deaf.kill()
 
 
-@pytest.mark.timing
-@pytest.mark.alone
-def test_subscribers_that_do_not_read_cost_nobody_else_anything(tmp_path: Path) -> None:
+@pytest.fixture
+def watched(tmp_path: Path) -> Iterator[Watched]:
     bench = Bench(tmp_path, **{"rate_hz = 200.0": "rate_hz = 4000.0"})
     with ExitStack() as stack:
         stack.callback(bench.close)
         bench.start_gateway()
-        assert bench.gateway is not None
         operator, listener = bench.client("operator"), bench.client("listener")
-        samples, status = listener.stream(), listener.feed()
+        samples = listener.stream()
         telemetry = Ear(listener.bus, operator.keys.pubsub("telemetry"))
-        statuses = Ear(listener.bus, operator.keys.pubsub("status"))
         pauses, begun = stack.enter_context(noted_pauses()), bench.loop.seq
-        pid = operator.status().gateway.pid
-        stack.enter_context(deaf_subscribers(bench.port, operator.keys.root, DEAF))
-        assert operator.status().gateway.links == 2 + DEAF
+        yield Watched(bench, operator, listener, samples, telemetry, pauses, begun)
+
+
+@pytest.mark.timing
+@pytest.mark.alone
+def test_subscribers_that_do_not_read_cost_nobody_else_anything(watched: Watched) -> None:
+    bench, operator = watched.bench, watched.operator
+    assert bench.gateway is not None
+    status = watched.listener.feed()
+    statuses = Ear(watched.listener.bus, operator.keys.pubsub("status"))
+    pid = operator.status().gateway.pid
+    with watched.beside(DEAF):
         end = time.monotonic() + 90.0
         while time.monotonic() < end and operator.status().gateway.links > 2:
             for act in (lambda: operator.send(2.0), operator.release):  # each change is a status
                 act()
-                samples.read(0.05)
+                watched.samples.read(0.05)
         assert operator.status().gateway.links == 2
-        assert samples.lost == 0
-        silences_s = telemetry.longest_silence_s, statuses.longest_silence_s
-        # a machine that stands still is silent, too
-        allowed_s = LONGEST_SILENCE_S + max(pauses) + longest_pause_s(bench.loop.samples(begun))
+        assert watched.samples.lost == 0
+        silences_s = watched.telemetry.longest_silence_s, statuses.longest_silence_s
+        allowed_s = watched.longest_allowed_s
         assert silences_s[0] < allowed_s
         assert silences_s[1] < 1.2 + allowed_s
         now = operator.status().gateway
@@ -91,26 +117,15 @@ def test_subscribers_that_do_not_read_cost_nobody_else_anything(tmp_path: Path) 
 
 @pytest.mark.timing
 @pytest.mark.alone
-def test_subscribers_that_read_slowly_lose_batches_and_delay_nobody_else(tmp_path: Path) -> None:
-    bench = Bench(tmp_path, **{"rate_hz = 200.0": "rate_hz = 4000.0"})
-    with ExitStack() as stack:
-        stack.callback(bench.close)
-        bench.start_gateway()
-        operator, listener = bench.client("operator"), bench.client("listener")
-        samples = listener.stream()
-        telemetry = Ear(listener.bus, operator.keys.pubsub("telemetry"))
-        pauses, begun = stack.enter_context(noted_pauses()), bench.loop.seq
-        before = operator.status().gateway.links
-        slow = deaf_subscribers(bench.port, operator.keys.root, SLOW, SLOW_BYTES_PER_S)
-        stack.enter_context(slow)
+def test_subscribers_that_read_slowly_lose_batches_and_delay_nobody_else(watched: Watched) -> None:
+    with watched.beside(SLOW, SLOW_BYTES_PER_S):
         end = time.monotonic() + SLOW_FOR_S
         while time.monotonic() < end:
-            samples.read(0.05)
-        silence_s = telemetry.longest_silence_s
-        assert operator.status().gateway.links >= before + SLOW  # none was ended
-        assert samples.lost == 0
-        allowed_s = LONGEST_SILENCE_S + max(pauses) + longest_pause_s(bench.loop.samples(begun))
-        assert silence_s < allowed_s
+            watched.samples.read(0.05)
+        silence_s = watched.telemetry.longest_silence_s
+        assert watched.operator.status().gateway.links == 2 + SLOW  # none was ended
+        assert watched.samples.lost == 0
+        assert silence_s < watched.longest_allowed_s
 
 
 def test_a_command_that_is_too_long_is_answered_with_the_limit(bench: Bench) -> None:
