@@ -163,6 +163,7 @@ def typical_step(t_s: Floats) -> float:
         return float("nan")
     steps = np.diff(t_s)
     middle = np.median(steps)
+    # shorter steps than half the median are jitter
     return float(np.mean(steps[(steps >= 0.5 * middle) & (steps <= GAP_PERIODS * middle)]))
 
 

@@ -24,7 +24,7 @@ from dehyst.drivers.registry import load_actuator, load_sensor
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Floats, Recording
 
-EXERCISE_S = 5.0
+EXERCISE_S = 5.0  # of loops before a recording: a stage that has rested creeps
 
 
 def check_drive(config: Config, t_s: Floats, volts: Floats) -> None:

@@ -31,6 +31,7 @@ from dehyst.models.model import Model
 from dehyst.models.recording import AXIS_CHANNEL, Recording
 
 UNITS = ("v", "um")
+# no slew limit [V/s]; the daemon's default preview; a longer one was not given in s
 FREE_SLEW, WINDOW_S, LONGEST_PREVIEW_S = 1e12, 0.1, 60.0
 THREADS = 2  # candidates tried at once in a diagnosis: each needs a design of all samples
 Say = Callable[[str], None]

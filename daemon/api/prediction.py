@@ -11,6 +11,8 @@ from dehyst.models.recording import Floats, Recording
 from dehyst.models.signals.error_size import rms
 from dehyst.models.units import how_many
 
+ROUNDING = 1e-6  # share by which a drive may leave the validity and still count as inside
+
 
 class Prediction(NamedTuple):
     """displacement: (N,) predicted by the model, NaN where the drive or a channel that the model
@@ -40,11 +42,11 @@ def outside_validity(model: Model, recording: Recording) -> dict[str, float]:
     """Return the share of rows outside the model's drive range and the share outside its rate
     range."""
     v, u = model.validity, recording.drive
-    margin = 1e-6 * (v.drive_max - v.drive_min)
+    margin = ROUNDING * (v.drive_max - v.drive_min)
     with np.errstate(invalid="ignore"):
         drive = (u < v.drive_min - margin) | (u > v.drive_max + margin)
         rate = np.abs(np.diff(u)) / np.diff(recording.t_s)
-        fast = rate > v.rate_max * (1 + 1e-6) if v.rate_max else np.zeros(1, dtype=bool)
+        fast = rate > v.rate_max * (1 + ROUNDING) if v.rate_max else np.zeros(1, dtype=bool)
     return {"drive": float(np.mean(drive)), "rate": float(np.mean(fast)) if fast.size else 0.0}
 
 

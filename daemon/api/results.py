@@ -92,7 +92,7 @@ class Identified:
 
     @python_function
     def save(self, path: str | Path, force: bool = False) -> Path:
-        """Write the model as TOML. force: replace an existing file that is no model."""
+        """Write the model as TOML. force: replace an existing file even if it is not a model."""
         check_outputs([path], [], force)
         save_model(self.model, path)
         return Path(path)
@@ -323,7 +323,7 @@ class Diagnosed:
     @python_function
     def save(self, folder: str | Path, force: bool = False) -> Path:
         """Write diagnosis.json, model.toml and report.html into a folder; return the report's
-        path. force: replace an existing model.toml that is no model."""
+        path. force: replace an existing model.toml even if it is not a model."""
         from dehyst.daemon.report.diagnosis import report_diagnosis
 
         folder = Path(folder)

@@ -11,6 +11,7 @@ from dehyst.models.model import Floats, Model
 from dehyst.models.recording import AXIS_CHANNEL, Trajectory
 
 EVEN = 1e-3  # largest deviation of a time step from the median step, as a fraction of it
+# a shorter step means that the times are not in s; more samples take over 160 MB a column
 SHORTEST_S, MOST_SAMPLES = 1e-6, 20_000_000
 
 

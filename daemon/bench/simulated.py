@@ -23,7 +23,7 @@ SHIPPED_MODEL = Path(__file__).with_name("simulated-stage.toml")
 """The model that `simulated_model()` identifies."""
 RATE_HZ = 200.0  # sustained by an MDT693B over serial
 AXES_RATE_HZ = 100.0  # with several axes on it
-FULL_SCALE_V = 150.0
+FULL_SCALE_V = 150.0  # highest limit of an MDT693B
 
 LIMITS_TRIM_BUS = """
 [limits]
@@ -103,7 +103,7 @@ def exploring_drive(
     phase = 2 * np.pi * (t_s + sweep * (t_s / seconds - 1.0) * t_s)
     envelope = np.interp(t_s / seconds, [0.0, 0.2, 0.6, 1.0], [1.0, 1.0, 0.15, 1.0])
     volts = 0.5 * FULL_SCALE_V * (1.0 - envelope * np.cos(phase))
-    fade = np.minimum(1.0, np.minimum(t_s, t_s[-1] - t_s) / 0.25)
+    fade = np.minimum(1.0, np.minimum(t_s, t_s[-1] - t_s) / 0.25)  # s, to and from 0 V
     return t_s, volts * fade
 
 

@@ -21,9 +21,9 @@ from dehyst.models.drive_design.excitation import design
 from dehyst.models.errors import BadInput, BadRecording
 from dehyst.models.recording import Bools, Floats, Recording
 
-RATE_HZ, FITTED_S, HELD_S = 200.0, 30.0, 12.0
-BAND_HZ = 4.0
-PAPER_V, NOISE_UM, SEED = 10.0, 0.02, 46
+RATE_HZ, FITTED_S, HELD_S = 200.0, 30.0, 12.0  # as sustained over serial; fitted; held out
+BAND_HZ = 4.0  # of the fitted sines
+PAPER_V, NOISE_UM, SEED = 10.0, 0.02, 46  # range of the paper's drives; rms of the gauge
 FITTED_SHARE = 0.6  # fitted share of a recording from a folder
 LEAST_ROWS, MOST_ROWS = 500, 16_000
 """Limits on the rows of a recording: a shorter one proves nothing; of a longer one only the first

@@ -21,6 +21,7 @@ from dehyst.drivers import system
 from dehyst.models.errors import BadInput
 
 _PRIVATE, _PUBLIC = 0o600, 0o644
+AUTHORITY_DAYS = 10 * 365  # ten years: outlives the default validity of what it signs, 825 days
 
 
 def write_new_file(path: Path, data: bytes, mode: int) -> None:
@@ -44,7 +45,7 @@ class Authority:
         if not (home / KEY).exists():
             key = ec.generate_private_key(ec.SECP256R1())
             name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "dehyst authority")])
-            builder = _builder(name, name, key.public_key(), 10 * 365)
+            builder = _builder(name, name, key.public_key(), AUTHORITY_DAYS)
             constraints = x509.BasicConstraints(ca=True, path_length=0)
             builder = builder.add_extension(constraints, critical=True)
             builder = builder.add_extension(_usage(sign_certificates=True), critical=True)

@@ -27,7 +27,7 @@ from dehyst.drivers import system
 from dehyst.models.errors import BadInput
 
 CA, CERTIFICATE, KEY = "ca.pem", "certificate.pem", "key.pem"
-LARGEST_BYTES = 1 << 20
+LARGEST_BYTES = 1 << 20  # a certificate, key or password file has a few kB
 PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
 PUBLISHED = ("telemetry", "status", "event", "rejection", "doctor")
 QUESTIONS = ("status", "model", "configuration", "history", "events", "doctor", "report")

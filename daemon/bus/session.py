@@ -32,7 +32,7 @@ from dehyst.drivers import system
 from dehyst.models.errors import DehystError
 
 log = logging.getLogger(__name__)
-LINK_BUFFER_BYTES = 1 << 18
+LINK_BUFFER_BYTES = 1 << 18  # 256 KiB in the kernel for each link
 MOST_UNKNOWN = 4096
 """Largest number of connections that have not identified themselves yet."""
 UNREAD_MS = 3000
@@ -179,7 +179,7 @@ class Bus(Closing):
             "transport/link/tls/so_sndbuf": LINK_BUFFER_BYTES,
             # connections that have not identified themselves must not keep others out
             "transport/unicast/accept_pending": MOST_UNKNOWN,
-            "transport/unicast/accept_timeout": 5000,
+            "transport/unicast/accept_timeout": 5000,  # ms
         }
         system.allow_open_files()
         where = ", ".join(listen)

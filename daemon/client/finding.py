@@ -12,7 +12,7 @@ from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.models.errors import BadInput
 
 log = logging.getLogger(__name__)
-FIND_S, TIMEOUT_S = 5.0, 3.0
+FIND_S, TIMEOUT_S = 5.0, 3.0  # wait for a daemon that is starting; for its answer
 
 
 def listens(address: str) -> bool:
@@ -23,7 +23,7 @@ def listens(address: str) -> bool:
     if kind != "tcp" or not port.isdigit():
         return True
     try:
-        socket.create_connection((host.strip("[]"), int(port)), 0.5).close()
+        socket.create_connection((host.strip("[]"), int(port)), 0.5).close()  # s
     except OSError:
         return False
     return True

@@ -65,6 +65,7 @@ class LessonTaker:
         self._late, self._outputs = late, Outputs(learner.n, late.back if late else 0)
         self.learner, self._expected, self._on_outcome = learner, expected, on_outcome
         self._targets = targets
+        # the largest step between two points, with room for rounding
         self._step = 1.01 * float(np.abs(np.diff(targets, append=targets[0])).max()) + 1e-9
         self.n, self._period_ns = learner.n, period_ns
         self.start_ns = 0  # the loop's time of point 0; 0: not known yet

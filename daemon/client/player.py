@@ -27,14 +27,15 @@ from dehyst.models.recording import Floats
 if TYPE_CHECKING:  # importing scipy is slow
     from dehyst.daemon.client.learning import LessonTaker
 
-CHUNK_S = 0.25
-LEAD_S = 3.0
+CHUNK_S = 0.25  # of trajectory in a command: a small part of what is sent ahead
+LEAD_S = 3.0  # sent ahead: plays on while the gateway is restarted
 LEARNING_LEAD_S = 1.0
 """Lead while learning [s]; a new correction takes effect this much later."""
 PATIENCE_S = 10.0
 """Limit [s] for a daemon that does not answer, whose loop is silent, or that asks for time."""
 WORDS_NS = 500_000_000  # how much later than the end its reason may arrive
-RENEW_S = 1.0
+AGAIN_NS, REFUSED_NS = 200_000_000, 250_000_000  # pause after no answer, and after a refusal
+RENEW_S = 1.0  # between renewals of the lease, which lasts 3 s by default
 
 
 Report = Callable[[str], None]
@@ -199,7 +200,7 @@ class Player:
             )
         except BusError:  # the gateway may be restarting; the points sent ahead keep playing
             self.silent_since_ns = self.silent_since_ns or now_ns
-            self.due_ns = now_ns + 200_000_000
+            self.due_ns = now_ns + AGAIN_NS
             return
         except DehystError as error:
             self._refuse(now_ns, error)
@@ -216,7 +217,7 @@ class Player:
         """Wait if the refusal asks for time, else end. Raises it if nothing has started."""
         code = getattr(error, "code", "")
         waits = code in CODES and CODES[code].waits
-        self.due_ns, self.silent_since_ns = now_ns + 250_000_000, 0
+        self.due_ns, self.silent_since_ns = now_ns + REFUSED_NS, 0
         # a full queue drains; any other request for time could go on forever
         if waits and code != "queue-full":
             self.asked_since_ns = self.asked_since_ns or now_ns

@@ -30,7 +30,7 @@ from dehyst.models.errors import NotNow
 from dehyst.models.model import Model
 from dehyst.models.modelfile import loads
 
-PATIENCE_S = 2.0
+PATIENCE_S = 2.0  # for a gateway that is being restarted
 LONGEST_START_S = 300.0
 """The first start compiles for one to three minutes."""
 

@@ -1,7 +1,7 @@
 """Shared by the clients that keep a stage where it was sent: how often a set-point is repeated,
 which refusals of it are temporary, and stops, which end whatever was requested before them."""
 
-POLL_S = 0.02
+POLL_S = 0.02  # longest wait for telemetry before requests are looked at
 REPEATS = 4  # set-points sent within the time in which one expires
 IN_PASSING = ("late", "flood")
 """Refusals of one message, not of its request: a computer that stalled sent it late."""

@@ -17,7 +17,7 @@ from dehyst.daemon.bus.topics import DOCTOR, EVENT, REJECTION, STATUS, subject
 from dehyst.daemon.bus.topics import TELEMETRY as TELEMETRY_TOPIC
 from dehyst.daemon.rings.records import TELEMETRY
 
-WAITING_BATCHES = 2048
+WAITING_BATCHES = 2048  # unread ones that are kept: 40 s at the default of 20 ms a batch
 NOTHING: NDArray[Any] = np.zeros(0, TELEMETRY)
 
 

@@ -11,10 +11,11 @@ from dehyst.daemon.client.client import Client
 from dehyst.daemon.rings.records import Flag
 from dehyst.models.errors import NotNow
 
-REST_S = 2.0
-PATIENCE_S = 10.0
-PLACES = 3
-POINTS_PER_S = 50.0
+REST_S = 2.0  # of telemetry, averaged against noise and hum
+PATIENCE_S = 10.0  # for these REST_S to arrive
+PLACES = 3  # lower, middle and upper part of the motion
+POINTS_PER_S = 50.0  # of the slow motion; the daemon interpolates
+MOVED = 10.0  # times the rms of the difference: a smaller way has no separate places
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ def differences(samples: NDArray[Any]) -> Disagreement:
         return Disagreement(0.0, (), 0)
     low, high = float(at.min()), float(at.max())
     edges = np.linspace(low, high, PLACES + 1)
-    moved = high - low > 10.0 * float(off.std())
+    moved = high - low > MOVED * float(off.std())
     if not moved:
         mean = float(off.mean())
         return Disagreement(mean, (Place(low, high, mean),), int(off.size))

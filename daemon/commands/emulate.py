@@ -33,7 +33,7 @@ turn."""
 AMPLIFIERS = ("mdt693b", "mdt694b", "kpz101", "kpc101", "bpc303")
 APT_KNOBS = {"kpz101": Kpz101Knobs(), "kpc101": Kpc101Knobs(), "bpc303": RACK_KNOBS}
 
-BENCH_PRIORITY = 60
+BENCH_PRIORITY = 60  # real-time priority, below the loop's default of 80
 
 EPILOG = """\
 Prints one line of JSON with the paths of the ports and of the control socket when they can be

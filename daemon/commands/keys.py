@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dehyst.models.errors import BadInput
 
-MOST_DAYS = 36_500
+MOST_DAYS = 36_500  # a hundred years
 EPILOG = """\
 DIR/authority contains the authority's key: do not keep it on the controller. DIR/NAME of each
 certificate contains ca.pem, certificate.pem and key.pem. To add clients, run the command again with

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from dehyst.models.learning.passes import Outcome
     from dehyst.models.recording import Floats
 
-LONGEST_FILTER_S = 0.1
+LONGEST_FILTER_S = 0.1  # a larger number was probably given in ms or us
 EPILOG = """The file has the columns t_s and target_um (or the daemon's own unit); further columns
 are ignored. With target_x_um, target_y_um ... it moves several axes of one controller: they start
 on the same sample and hold together, and the lease covers all of them or none.
@@ -293,7 +293,7 @@ def check_units(file: str, unit: str, status: "Status") -> None:
 def say_of_step(target: NDArray[np.float64], status: "Status", axis: str) -> None:
     """Warn if every repetition begins with a step."""
     jump = abs(float(target[-1] - target[0]))
-    if jump > 0.01 * float(np.ptp(target)):
+    if jump > 0.01 * float(np.ptp(target)):  # a closed path may lack its last point
         say(
             f"the trajectory{' of ' + axis if axis else ''} ends {jump:g} {status.unit} from where "
             "it begins: every repetition starts with that step, limited only by the slew limit"

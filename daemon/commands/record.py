@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from dehyst.daemon.client.telemetry import TelemetryStream
     from dehyst.daemon.files.recorder import OtherAxis, Recorder
 
+# how long after the planned end the last telemetry may come; wait for a loop that is starting
 LATE_S, LOOP_S = 10.0, 60.0
 EPILOG = """\
 The columns are t_s, the drive in the model's unit (u_v), the measured displacement (y_um), the

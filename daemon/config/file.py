@@ -14,7 +14,7 @@ from dehyst.models.errors import BadInput
 from dehyst.models.modelfile import SHIPPED
 from dehyst.models.toml_text import parse_toml
 
-LARGEST_BYTES = 1 << 18
+LARGEST_BYTES = 1 << 18  # a configuration has a few kB; a larger file is another one
 Section = TypeVar("Section", bound=msgspec.Struct)
 resolve_classes(Config)
 

@@ -14,7 +14,7 @@ from dehyst.drivers.registry import find_plugins, list_settings
 from dehyst.drivers.settings import SettingKey
 from dehyst.models.errors import BadInput
 
-WIDTH = 100
+WIDTH = 100  # columns of a comment
 SLEW_SPANS = 20.0
 """Default slew limit, in voltage ranges per second."""
 DEFAULTS = SafeConfig()

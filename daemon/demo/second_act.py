@@ -50,7 +50,7 @@ SEGMENTS = (
     ("step", 0.85, 2.5),
 )
 """Kind, position (share of half the reach), seconds after arriving there."""
-LEARN_S = 60.0
+LEARN_S = 60.0  # instead of the default of 400 s, to keep the demo short
 SETTINGS = f"""
 [watch]
 learn_s = {LEARN_S:g}
@@ -66,7 +66,8 @@ READY_S = 3.0 * LEARN_S + 60.0
 FLAG_S, WORD_S, TRIAL_S = 30.0, 240.0, 60.0
 """READY_S, FLAG_S, WORD_S, TRIAL_S: time limits on a quiet machine for a stage in order, the flag,
 the doctor's report, and the end of the trial; longer on a busy machine (Busy.stretch)."""
-LAST_S, BEFORE_S = 20.0, 20.0
+LAST_S, BEFORE_S = 20.0, 20.0  # spans of which the error is stated: most of a pass of 24 s
+APPEARS_S, CHANGES_S = 1.0, 3.0  # left out: the effect's beginning, the change of the model
 OFFERED = (("trial", "the offer, on trial"), ("after", "accepted"))
 OVER = ("accepted", "returned", "rejected")
 NOT_TRACKED = int(Flag.APPROACH | Flag.SENSOR_INVALID | Flag.SENSOR_HELD)
@@ -311,9 +312,9 @@ class SecondAct:
         last_s, accepted = story.t_s[-1], np.isfinite(story.accepted_s)
         spans = {
             "before": (story.appeared_s - BEFORE_S, story.appeared_s),
-            "during": (story.appeared_s + 1.0, story.accepted_s if accepted else last_s),
+            "during": (story.appeared_s + APPEARS_S, story.accepted_s if accepted else last_s),
         }
-        changed_s = story.accepted_s + 3.0  # leaves out the change itself
+        changed_s = story.accepted_s + CHANGES_S
         if accepted and story.state == "accepted":
             spans["after"] = (max(changed_s, last_s - LAST_S), last_s)
         elif accepted:

@@ -53,7 +53,7 @@ from dehyst.models.recording import Recording
 GAUGE = "gauge"
 SPARE_S = 60.0
 """Time to wait for the later telemetry after it is due."""
-LOOK_S = 0.25
+LOOK_S = 0.25  # interval at which this file is looked for
 NEW, LEAST = 0.8, 0.1
 """NEW: an effect is new if the earlier residual is below this fraction of the present one; LEAST:
 fraction of the residual's mean square that a cause must remove."""

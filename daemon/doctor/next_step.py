@@ -8,6 +8,7 @@ from dehyst.models.drive_design.separation import EFFECTS
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model
 
+# durations to try; top of the band over the sampling rate: 20 samples of the fastest period
 SECONDS, SHARE = (20.0, 60.0, 180.0, 600.0), 0.05
 UNITS = ("v", "um", "nm", "counts")
 

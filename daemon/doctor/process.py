@@ -20,7 +20,7 @@ from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import Case, Examined
 
 log = logging.getLogger(__name__)
-LOOK_S = 0.5
+LOOK_S = 0.5  # between two signs of life to systemd's watchdog
 STARVED = 6.0
 """Longest duration of an examination that waits for a processor, as a multiple of its time limit:
 it runs at the lowest priority."""

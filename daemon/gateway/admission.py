@@ -88,7 +88,7 @@ class Admission:
         if isinstance(command, Chunk) and self.is_playing(command) and not said:
             now.refused = True
             self.report(
-                2, "trajectory", f"a chunk is refused, the trajectory in play goes on: {refused}"
+                2, "trajectory", f"a chunk is refused; the trajectory in play continues: {refused}"
             )
 
     def granted(self, now_ns: int, command: Command, code: str = "ok", text: str = "") -> Reply:

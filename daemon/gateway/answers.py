@@ -22,8 +22,8 @@ from dehyst.models.errors import DehystError, NotNow
 from dehyst.models.modelfile import dumps
 
 log = logging.getLogger(__name__)
-WAITING = 256
-COPIED = 65_536
+WAITING = 256  # queries; one more gets no answer
+COPIED = 65_536  # samples of the history that are copied at a time, which bounds the memory
 TOML, HTML = "application/toml", "text/html"
 
 

@@ -36,7 +36,7 @@ mismatch may already have been present."""
 LEAD_S = 25.0
 """Lead before each recording [s], as far as the history goes."""
 MOST_ROWS = 60_000  # longest good stretch and longest lead
-STRETCHES = 4
+STRETCHES = 4  # newest good stretches that are kept for a case
 
 
 class CaseKeeper:

@@ -27,12 +27,12 @@ from dehyst.daemon.gateway.group_start import GroupStarts
 from dehyst.daemon.gateway.together import handle_together
 
 log = logging.getLogger(__name__)
-WAITING_PUTS = 1024
+WAITING_PUTS = 1024  # set-points; a further one displaces the oldest, and is counted
 CROWD = 64
 """When more set-points than this wait, only the newest of each sender is considered."""
-WAITING_QUESTIONS = 256
-REJECTIONS_NS = 100_000_000
-LONGEST_REFUSALS = 64
+WAITING_QUESTIONS = 256  # commands that expect an answer; one more gets none
+REJECTIONS_NS = 100_000_000  # between two messages about refused set-points
+LONGEST_REFUSALS = 64  # senders and reasons in such a message
 
 
 class AxisInbox:

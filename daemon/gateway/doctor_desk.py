@@ -27,8 +27,8 @@ from dehyst.daemon.gateway.model_trial import TAKEN_S, ModelTrial
 from dehyst.models.cascade.reach import displacement_range
 from dehyst.models.errors import DehystError, NotNow
 
-SCAN_S = 0.25
-LONGEST_REPORT, LONGEST_EVENT = 6 << 20, 500
+SCAN_S = 0.25  # between two looks at the folder of the cases
+LONGEST_REPORT, LONGEST_EVENT = 6 << 20, 500  # bytes: below MAX_BATCH_BYTES; characters of a Text
 Report = Callable[[int, str, str], None]
 """Reports an event: (level, code, text)."""
 OPEN: tuple[DoctorState, ...] = ("found", "waiting")

@@ -21,7 +21,7 @@ from dehyst.models.units import how_many
 
 log = logging.getLogger(__name__)
 FILE = "in-play.json"
-LARGEST_BYTES = 4096
+LARGEST_BYTES = 4096  # this record has a few hundred
 REACH_SLACK = 1e-9  # displacement unit: rounding of a target at the end of the reach
 
 

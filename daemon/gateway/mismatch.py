@@ -29,7 +29,7 @@ from dehyst.models.errors import BadModel, DehystError
 from dehyst.models.mismatch.monitor import MismatchMonitor
 
 log = logging.getLogger(__name__)
-WAITING_BATCHES = 4096
+WAITING_BATCHES = 4096  # 80 s at the default of 20 ms a batch
 UNUSABLE = Flag.SENSOR_HELD | Flag.SENSOR_INVALID
 STUCK, SILENT = "stuck", "silent"
 LOST, SILENT_S = 0.2, 2

@@ -45,7 +45,7 @@ from dehyst.models.modelfile import dumps, loads
 
 TAKEN_S = 20.0
 """A loop that does not run the model after this time [s] has refused it."""
-MOVED_S = 1.0
+MOVED_S = 1.0  # after this long without motion the stage rests, and the trial waits
 USELESS = Flag.SENSOR_INVALID | Flag.SENSOR_HELD | Flag.WRITE_FAILED
 """Flags of samples without a reading to compare a model with."""
 NOT_FOLLOWED = Flag.UNREACHABLE | Flag.SLEW | Flag.RANGE | Flag.APPROACH

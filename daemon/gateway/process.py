@@ -33,7 +33,7 @@ from dehyst.models.errors import BadInput, DehystError
 from dehyst.models.mismatch.monitor import compile_monitor
 
 log = logging.getLogger(__name__)
-ROUTER_S = 1.0
+ROUTER_S = 1.0  # for a router to connect, and for an answer through it
 SWITCH_S = 0.0005
 """Switch interval of Python's threads [s]: a tenth of the default."""
 

@@ -43,7 +43,8 @@ DOUBTED_NS = 500_000_000
 slow device may delay a sample for as long, a process that has ended writes no more."""
 RUNS = "the loop's process is running"
 GONE = "the loop's process does not respond: it has ended, was killed, or hangs"
-LONGEST_BATCH = 4096
+LONGEST_BATCH = 4096  # samples in a message: a sixteenth of what a client accepts
+UNSAID_NS = 1_200_000_000  # without a status of the loop, which comes every second, ours is sent
 MEAN_S = 0.1
 """Averaging time [s] of the reading in the status: people read it, and noise is of no interest."""
 RECENT_EVENTS = 64
@@ -116,7 +117,7 @@ class Publisher:
         if alive != core.alive:
             core.alive = alive
             self._say(now_ns)
-        elif now_ns - self._said_ns >= 1.2 * clock.NS:
+        elif now_ns - self._said_ns >= UNSAID_NS:
             self._say(now_ns)
 
     def _is_heard(self, now_ns: int) -> bool:

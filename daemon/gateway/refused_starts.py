@@ -15,7 +15,7 @@ from dehyst.daemon.files.models import write_text
 from dehyst.daemon.prepared import resolve_classes
 
 FILE = "gateway.refused"
-LONGEST_BYTES = 4096
+LONGEST_BYTES = 4096  # the text in such a note has at most 500 characters
 
 
 class RefusedStarts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -12,7 +12,7 @@ from dehyst.daemon.gcs.grammar import Splitter
 log = logging.getLogger(__name__)
 MOST_CONNECTIONS = 8
 """Enough for one program and a few others that only observe."""
-PIECE = 1 << 16
+PIECE = 1 << 16  # bytes that one read returns at most
 KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
 """Silence [s] before the first probe, interval of the probes [s] and their number: a computer that
 vanished silently is noticed after 11 s; the kernel alone would take two hours."""

@@ -16,9 +16,9 @@ from dehyst.models.arrays import Floats
 
 MOST_POINTS = 1 << 18
 """Most points of one table: 4.4 minutes at 1 kHz, 2 MiB."""
-TABLES = 8
-MOST_CYCLES = 1 << 30
-MOST_RATE = 10_000
+TABLES = 8  # of MOST_POINTS each: at most 16 MiB
+MOST_CYCLES = 1 << 30  # 0 stands for endless
+MOST_RATE = 10_000  # samples of the loop per point: 10 s at 1 kHz
 
 
 def segment(kind: str, args: Sequence[str]) -> Floats:

@@ -31,10 +31,10 @@ TOP_V, BAND_HZ = 110.0, (0.3, 3.0)
 """Range of these recordings: voltages that include those of the raster with margin, and frequencies
 up to that of its lines, 2.5 Hz for trace and retrace."""
 CENTRE_UM = (8.0, 7.5)
-SIZE_UM, LINES, LINE_S = 8.0, 96, 0.2
+SIZE_UM, LINES, LINE_S = 8.0, 96, 0.2  # side; lines, 12 per pit; time of a trace or retrace
 BOUND_UM = 1.7  # largest learned correction: a tenth of the reach, as in the loop
 NOISE_UM = StageSettings().sensor_noise_um  # used if the model states no noise
-APPROACH_S = 1.0
+APPROACH_S = 1.0  # smooth motion from 0 to the first point
 SHOWN = 2  # number of the first frame shown: the one before it starts from elsewhere
 LESSONS = 10  # frames used for learning
 COMPENSATED_LEAST, LEARNED_LEAST = 10.0, 30.0

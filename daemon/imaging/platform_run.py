@@ -16,7 +16,7 @@ from dehyst.models.model import Model
 from dehyst.models.recording import Floats, Recording
 
 SLEW_V_PER_S = 4000.0  # of the emulated bench
-EXERCISE_S = 5.0
+EXERCISE_S = 5.0  # loops of 1 Hz over the range: a stage that has rested creeps
 
 
 def record_platform(axes: Sequence[str], drive: Floats, rate_hz: float) -> dict[str, Recording]:

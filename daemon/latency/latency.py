@@ -39,7 +39,7 @@ from dehyst.models.model import Hysteresis, Model, Validity
 STALLS = (MissCause.STALL, MissCause.STEAL, MissCause.SUSPENDED, MissCause.PREEMPTED)
 IO_S, MOST_CALLS = 2.0, 2000  # how long each device is timed, and at most with how many calls
 TOLERATED = 1e-4  # largest share of missed deadlines
-FULL_SCALE_V, STROKE_UM = 150.0, 17.0
+FULL_SCALE_V, STROKE_UM = 150.0, 17.0  # of the emulated stage, roughly
 
 CONFIG = """
 name = "latency"

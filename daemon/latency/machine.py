@@ -60,7 +60,7 @@ def advice(
         )
     count = os.cpu_count() or 1
     many = count > 1
-    if many and found["isolated"] == "none" and rate_hz > 500:
+    if many and found["isolated"] == "none" and rate_hz > 500:  # slower loops have 2 ms or more
         words.append(
             f"isolated CPU: boot with isolcpus={count - 1} "
             "nohz_full and rcu_nocbs for the same CPU, and set loop.cpu to it"

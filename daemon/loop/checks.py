@@ -31,7 +31,7 @@ from dehyst.drivers.interface import (
 from dehyst.drivers.registry import load_actuator, load_sensor
 from dehyst.models.errors import BadInput, DehystError
 
-REPLAY_SAMPLES = 20_000
+REPLAY_SAMPLES = 20_000  # newest ones, read at a start: the last 20 s at 1 kHz
 LAST, LEFT, LONGEST_NOTE = "telemetry.ring", "output-left", 200
 """Files of an axis' run folder: LAST is the ring of what its core wrote; LEFT notes an output that
 this ring lacks, as "RUN HEAD VOLTS". RUN (of the ring's writer) and HEAD (number of records) name

@@ -14,7 +14,7 @@ from dehyst.daemon import clock
 from dehyst.daemon.loop.timing import realtime
 from dehyst.drivers.interface import DriverError
 
-FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 5.0
+FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 5.0  # the wait doubles up to the longest
 
 
 class DeviceLink:

@@ -31,14 +31,14 @@ from dehyst.daemon.rings.records import State
 from dehyst.drivers.interface import DeviceTimeout, Joint, ProtocolError
 
 log = logging.getLogger(__name__)
-RUN_BITS = 48
+RUN_BITS = 48  # of a run's random number: no two runs have the same
 ATTEMPTS = 3
 """Attempts to open the devices, so that a late reply does not abort the start. A device that is not
 plugged in, or refuses a setting, is not tried again."""
 PAUSE_S = 1.0
 """Pause between the attempts [s]: a machine or unit stalls for about a second, and nothing moves
 yet."""
-EXTEND_US = 15_000_000
+EXTEND_US = 15_000_000  # by which a report of a core that is stopping extends systemd's limit
 
 
 Serve = Callable[[Callable[[], None], Callable[[], None]], None]

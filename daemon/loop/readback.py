@@ -11,8 +11,10 @@ passes the result to `judge`.
 """
 
 SPAN_NS = 1_000_000_000  # the report is compared with what was written in the last 1 to 2 s
+# intervals of the queries: in motion they are rare, as each replaces a reading; DOUBT_NS is the
+# longest lag of a report
 RESTING_NS, MOVING_NS, DOUBT_NS = 1_000_000_000, 5_000_000_000, 250_000_000
-IN_A_ROW = 3
+IN_A_ROW = 3  # reports needed for a verdict, since one may be late or noisy
 
 
 class ReadbackCheck:

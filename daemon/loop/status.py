@@ -161,7 +161,7 @@ class LoopMonitor:
     ) -> None:
         """Let the loop use another model from its next sample on. May be called from any thread.
         rows: (n,) FOLLOW_T, the channels that follow other axes."""
-        for _ in range(1000):  # wait for a previous request
+        for _ in range(1000):  # wait for a previous request, about 1 s at most
             if self.numbers[PLACE["swap"]] == 0:
                 break
             clock.sleep_s(0.001)

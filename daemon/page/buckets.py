@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-FINEST_NS = 1_000_000
-LEVELS = 11
-KEPT = 8192
+FINEST_NS = 1_000_000  # 1 ms
+LEVELS = 11  # up to 1.024 s
+KEPT = 8192  # of each level
 SIGNALS = ("target", "measured", "error", "trim", "learned", "volts")
 BACKWARDS_NS = 1_000_000_000
 """Telemetry older than the newest by more than this comes from a clock that was restarted."""

@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 Say = Callable[[str, bool], None]
 """Send the person a text; True: it is an error."""
 Task = Callable[[Client, threading.Event], None]
-LONGEST_S = 86_400.0
+LONGEST_S = 86_400.0  # a day
 LEAST_PAUSE_S = 0.02
 """Shortest pause between two repetitions of a hold, for a daemon that holds only very briefly."""
 SETTLE_S = 4.0

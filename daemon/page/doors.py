@@ -25,7 +25,7 @@ MOST_OF_ONE, MOST_WAITING = 64, 512
 """Most waiting connections per address and in total; a browser opens six."""
 UNREAD_MS = 20_000
 """A client that accepts no data for this long counts as disconnected."""
-BACKLOG = 1024
+BACKLOG = 1024  # connections that the kernel queues: twice MOST_WAITING
 
 
 class Waiting:

@@ -30,12 +30,12 @@ from dehyst.models.units import spell_unit
 Kind = Literal["trajectory", "identify", "diagnose"]
 KINDS = ("trajectory", "identify", "diagnose")
 LANES: tuple[tuple[Kind, ...], ...] = (("trajectory",), ("identify", "diagnose"))
-LARGEST_BYTES = 64 << 20
-MEMORY_BYTES = 6 << 30
+LARGEST_BYTES = 64 << 20  # of a dropped file
+MEMORY_BYTES = 6 << 30  # of a job, below MemoryMax=7G of the unit: the job ends, not the page
 TIME_S = {"trajectory": 120.0, "identify": 600.0, "diagnose": 1800.0}
-KEPT, WAITING = 12, 4
-PREVIEWED = 2000
-MOST_POINTS = 2_000_000
+KEPT, WAITING = 12, 4  # newest results that are kept, and files that wait: bounds disk and memory
+PREVIEWED = 2000  # points of a curve, about one per pixel of a wide screen
+MOST_POINTS = 2_000_000  # of a trajectory: 33 minutes at 1 kHz
 
 
 class Setting(msgspec.Struct, frozen=True):

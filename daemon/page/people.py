@@ -21,8 +21,8 @@ from dehyst.models.errors import BadInput, NotNow
 
 Role = Literal["operator", "observer"]
 COOKIE = "dehyst"
-SESSION_S = 12 * 3600.0
-MOST_SESSIONS = 256
+SESSION_S = 12 * 3600.0  # a login outlasts a working day
+MOST_SESSIONS = 256  # limits the memory; the oldest is dropped first
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
 
 

@@ -40,7 +40,7 @@ REPORT_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src
 """A report is made from an untrusted file: it is displayed, but nothing in it may run or load."""
 MOST_VISITS, MOST_VISITS_OF_ONE = 256, 32
 """Most WebSockets in total and per address: a few tabs on each of a few screens."""
-SMALL_BYTES, SMALL_S = 4096, 10.0
+SMALL_BYTES, SMALL_S = 4096, 10.0  # of a body before the login: a name and a password
 STALLED_S = 10.0
 """A body is abandoned if nothing of it arrives for this long."""
 UPLOAD_S = 600.0
@@ -370,9 +370,9 @@ def serve_page(
         proxy_headers=bool(public.origin),
         forwarded_allow_ips="127.0.0.1,::1",
         backlog=BACKLOG,
-        ws_max_size=65_536,
+        ws_max_size=65_536,  # bytes of a message, which has a few hundred
         ws_ping_interval=5.0,
-        ws_ping_timeout=10.0,
+        ws_ping_timeout=10.0,  # a page that does not answer is closed after 15 s
         ws_per_message_deflate=False,
         timeout_graceful_shutdown=2,
         **options,

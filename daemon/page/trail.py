@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-POINT_NS = 5_000_000
-KEPT = 6000
+POINT_NS = 5_000_000  # 5 ms: 200 points per second
+KEPT = 6000  # 30 s
 
 
 class TrailPoints(NamedTuple):

@@ -22,8 +22,8 @@ from dehyst.daemon.page.people import Person
 from dehyst.daemon.page.watching import TICK_S, Controllers, Watch
 from dehyst.models.errors import BadInput, DehystError
 
-STATUS_TICKS, BEAT_TICKS = 5, 10
-MOST_WAITING = 100
+STATUS_TICKS, BEAT_TICKS = 5, 10  # of 0.1 s: a status twice, a sign of life once per second
+MOST_WAITING = 100  # messages that wait to be sent to a browser
 MOST_A_TICK = 50
 """Most messages handled per browser and tick; a person sends a few per second."""
 STOPPED, RELEASED = "stopped: holding, then to the safe voltage", "released: to the safe voltage"

@@ -29,15 +29,15 @@ from dehyst.models.errors import DehystError
 from dehyst.models.model import Model
 
 log = logging.getLogger(__name__)
-TICK_S = 0.1
+TICK_S = 0.1  # interval at which telemetry is taken and browsers are served
 SILENT_S = 3.0
 """Without a status for this long, a controller counts as silent (page.js draws it by the same)."""
-FIND_S = 2.0
-MOST_CONTROLLERS = 64
-EVENTS, HEALTHS, REPORTS = 200, 600, 10
+FIND_S = 2.0  # between two searches for controllers
+MOST_CONTROLLERS = 64  # limits threads and memory
+EVENTS, HEALTHS, REPORTS = 200, 600, 10  # newest ones kept; healths of the last ten minutes
 PAST_SAMPLES, PAST_S = 60_000, 60.0
 """Limits of what is fetched from the daemon's history, so that the page does not start empty."""
-MODEL_S = 10.0
+MODEL_S = 10.0  # a reload of model or configuration is seen after this at most
 CLOSE_S = 5.0
 
 

@@ -29,7 +29,7 @@ from dehyst.models.units import spell_unit
 PROTOCOL = 1
 """Version of the WebSocket protocol (docs/websocket.md), raised by changes that break clients."""
 MAGIC_LIVE, MAGIC_PAST = 0x31504844, 0x32504844
-MOST_REPORTS, LOOP_POINTS = 10, 61
+MOST_REPORTS, LOOP_POINTS = 10, 61  # newest ones sent; points of a branch of the loop
 Name = Annotated[str, Meta(max_length=64)]
 Seconds = Annotated[float, Meta(gt=0, le=LONGEST_S)]
 

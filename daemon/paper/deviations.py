@@ -49,7 +49,7 @@ DEVIATIONS: tuple[tuple[str, ...], tuple[tuple[str, ...], ...]] = (
             "sweep",
             "amplitude and length are not given",
             "1 V peak to peak, 10 s, frequency linear in time",
-            "94.11 nm are 8.25 % of 1.14 µm, about 1 V; the length is our choice "
+            "94.11 nm is 8.25 % of 1.14 µm, about 1 V; the length is our choice "
             "and keeps the run short",
         ),
         (

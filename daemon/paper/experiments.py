@@ -24,7 +24,7 @@ NOISE_NM = 25.0
 same sensor are 45.55 nm. It is taken as peak to peak, i.e. four standard deviations."""
 SEED = 2017
 TARGET_UM_PER_V = 0.9  # set-points for the inverse: the drive's shape, 9 um for 10 V
-SWEEP_V = 1.0  # peak to peak: the paper's 94.11 nm are 8.25 % of 1.14 um, about 1 V of its stage
+SWEEP_V = 1.0  # peak to peak: the paper's 94.11 nm is 8.25 % of 1.14 um, about 1 V of its stage
 NO_SLEW, WINDOW_S = 1e12, 0.1
 
 

@@ -17,7 +17,7 @@ TITLES = {
     "unknown": "Diagnosis: the model's error is not explained",
 }
 """Title of the report by verdict."""
-MOST_VIEWS = 4
+MOST_VIEWS = 4  # recordings that are drawn, to keep the report short
 
 
 def report_diagnosis(diagnosis: Diagnosis, names: list[str]) -> str:

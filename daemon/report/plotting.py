@@ -46,7 +46,7 @@ STYLE: Any = {
 }
 SIZE = (4.8, 3.2)  # inches: text stays legible when the picture fills a phone screen
 DPI = 160
-MOST_POINTS = 4000
+MOST_POINTS = 4000  # of a curve: several per pixel
 MOST_ROWS = 2**21  # of a recording for a spectrum or a mean: copies of all rows fill memory
 
 

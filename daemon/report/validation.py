@@ -20,6 +20,8 @@ from dehyst.models.identify.validation import CLAIM, Validation
 from dehyst.models.recording import Recording
 from dehyst.models.units import how_many, spell_unit
 
+LEAST_SHOWN = 0.0005  # share of the rows; a smaller one would print as 0.0 %
+
 
 def say_validation(model: str, v: Validation) -> str:
     """State in one line how well a model predicts a recording, and add notes on rows outside its
@@ -38,7 +40,7 @@ def say_validation(model: str, v: Validation) -> str:
         + (f"; this band is {v.interval_is}" if v.interval_is else "")
         + f"; start {v.start}"
     )
-    if v.unstated >= 0.0005:
+    if v.unstated >= LEAST_SHOWN:
         text += (
             f"\nnote: {v.unstated:.1%} of the rows have no 95 % band: the drive leaves the model's "
             "validity or is slower than in its recordings; record such a drive"
@@ -60,7 +62,7 @@ def say_validation(model: str, v: Validation) -> str:
         same = "exactly the same reading while the drive moves and"
         stuck = how_many(v.stuck, f"row has {same} is", f"rows have {same} are")
         text += f"\nnote: {stuck} not judged: the gauge is stuck or at its limit there"
-    if v.outside >= 0.0005:
+    if v.outside >= LEAST_SHOWN:
         text += f"\nnote: {v.outside:.1%} of the rows are outside the model's validity"
     return text
 

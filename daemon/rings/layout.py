@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 MAGIC = 0x6465687973743032  # "dehyst02"
 HEADER_WORDS = 16
 MAGIC_AT, LAYOUT_AT, CAPACITY_AT, ITEM_AT, HEAD, TAIL, RUN, PID = range(8)
-MOST_RECORDS = 1 << 24
+MOST_RECORDS = 1 << 24  # a header that claims more is damaged; the loop's rings have 1 << 16
 MOST_WRITTEN = 1 << 62
 """No writer reaches this count (at 20 kHz it takes 7 million years): a larger one is damage."""
 PRIME, BASIS = 1099511628211, 14695981039346656037  # FNV-1a (Fowler, Noll, Vo), 64 bits

@@ -19,7 +19,7 @@ from dehyst.models.errors import BadInput, NotNow
 SUPERVISOR, OUTPUT, NETWORK, DOCTOR = "supervisor", "output", "network", "doctor"
 """The roles. `dehyst core` and `dehyst safe` hold OUTPUT."""
 OWN = system.NO_FOLLOW | system.CLOSE_ON_EXEC
-LONGEST_NOTE = 4096
+LONGEST_NOTE = 4096  # bytes of the holder's name in the lock file
 
 
 class InUse(BadInput):

@@ -96,8 +96,9 @@ def counts(by_name: dict[str, int]) -> str:
 
 
 USUAL_SHIFT = 0.1
-"""Part of the reach: a stage that was exercised rarely differs from its model by more; one of which
-the model is another stage's does. Before, its unknown history alone may be twice as much."""
+"""Share of the reach. After an exercise, a stage rarely differs from its own model by more; it does
+differ by more from another stage's model. Before an exercise, its unknown history alone may cause
+twice as much."""
 OTHER_STAGE = (
     "the model may be another stage's: check model.file, sensor.scale and actuator.gain, and "
     "compare a recording with it by `dehyst validate`"

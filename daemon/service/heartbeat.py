@@ -15,6 +15,7 @@ from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.daemon.rings.ring_file import RingFile
 from dehyst.models.errors import BadInput
 
+# so long without progress is a hang, not a slow device; compiling takes one to three minutes
 CORE_HANG_S, GATEWAY_HANG_S, START_S = 10.0, 20.0, 300.0
 LONGEST_LOOK_S = 1.0
 """Longest time counted between two looks; if more has passed, the machine itself stalled."""

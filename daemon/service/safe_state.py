@@ -12,9 +12,9 @@ from dehyst.drivers.interface import DeviceGone, DeviceNotFound, DeviceTimeout, 
 from dehyst.drivers.registry import load_actuator
 from dehyst.models.errors import BadInput, DehystError
 
-SHORTEST_PERIOD_S = 0.005
-SPARE_S = 15.0
-TRY_AGAIN_S, PAUSE_S = 5.0, 0.5
+SHORTEST_PERIOD_S = 0.005  # between two steps of a ramp: 0.25 V at the default of 50 V/s
+SPARE_S = 15.0  # in addition to a ramp's duration: for slow devices, a busy machine
+TRY_AGAIN_S, PAUSE_S = 5.0, 0.5  # for a device that stalls; between two tries
 NOTE_S = 0.02
 """The output is noted this often during a ramp, so that a start after a killed `dehyst safe` is off
 by this much of a ramp at most; the default ramp of 50 V/s then stays within OUTPUT_AGREES_V."""

@@ -27,11 +27,11 @@ from dehyst.models.errors import DehystError
 
 # -P: a folder called dehyst in the working directory must not be taken for the package
 DEHYST = (sys.executable, "-P", "-m", "dehyst.daemon.main")
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0  # before a restart; doubles at each failure
 SPARE_S = 20.0  # in addition to a ramp's duration: for slow devices, a busy machine
 BENCH_READY_S = 240.0  # with a cold cache, the kernels are compiled first
-LOOK_S = 0.25
-UNBORN = 126
+LOOK_S = 0.25  # interval at which the processes are checked
+UNBORN = 126  # for one that could not be started: the shell's status for such a command
 
 
 class Child:

@@ -12,7 +12,7 @@ from dehyst.models.errors import BadInput
 
 NAME = "setup.json"
 FORMAT = 1
-LARGEST_BYTES = 1 << 20
+LARGEST_BYTES = 1 << 20  # a journal has a few kB
 
 
 class Journal:

@@ -12,7 +12,7 @@ from dehyst.models.model import Model
 from dehyst.models.units import how_many
 
 LEVELS = {1: "", 2: "warning: ", 3: "error: "}
-EVENTS = 8
+EVENTS = 8  # newest ones shown
 MOST_MISSED = 1e-3
 """Share of missed deadlines above which the status reports a problem."""
 LONGEST_START_S = 300.0

@@ -21,9 +21,9 @@ from dehyst.daemon.terminal.braille import Curve, Plot
 from dehyst.daemon.terminal.readout import readout
 from dehyst.models.signals.error_size import rms
 
-POINTS = 4000
-EVENT_LINES = 6
-COLUMNS = 3
+POINTS = 4000  # of a curve: several per dot of a terminal
+EVENT_LINES = 6  # at most: the plots need the height
+COLUMNS = 3  # of numbers, in 100 characters
 ROOMY = 100, 32
 """Columns and rows from which all numbers are shown; a smaller terminal gives more to the plots."""
 STARTING = (

@@ -24,8 +24,8 @@ from dehyst.drivers.interface import DeviceSpec, DriverConfigError, OutOfRange, 
 BATCHES = Batches()
 
 EXPECTED_S, MOST_HZ = 0.01, 1000.0
-"""Assumed time of a write before the unit has been timed, and the upper limit of the rate: a USB
-frame takes a millisecond."""
+"""Assumed duration of a write, and highest rate, until the unit has been timed: a USB frame takes a
+millisecond."""
 
 HIGHEST_V = max(VOLTAGE_LIMITS_V.values())
 

@@ -8,7 +8,7 @@ from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS
 from dehyst.drivers.settings import Settings
 
 DAC_STEP_V = 2.75e-3  # 16 bit
-ADC_STEP_V = 3.0e-3
+ADC_STEP_V = 3.0e-3  # of the readback
 
 
 class Mdt693bKnobs(Settings, frozen=True):

@@ -18,6 +18,10 @@ if TYPE_CHECKING:  # the compiled functions are imported only where they are nee
     from dehyst.drivers.direct_calls import Direct
 
 
+EXPECTED_S = 0.01
+"""Assumed duration of a reading before the channel has been timed."""
+
+
 class IioSensor(Driver):
     """A converter channel as a displacement sensor, in micrometres."""
 
@@ -80,7 +84,7 @@ class IioSensor(Driver):
             minimum=ends[0],
             maximum=ends[1],
             resolution=float(abs(c["scale_mv"] * c["gain"])),
-            max_rate_hz=1.0 / latency_s if latency_s > 0 else 100.0,
-            latency_s=latency_s or 0.01,
+            max_rate_hz=1.0 / (latency_s or EXPECTED_S),
+            latency_s=latency_s or EXPECTED_S,
             identity=identity,
         )

@@ -14,6 +14,8 @@ KIND = AptKind("ksg101", models=("KSG101", "TSG001"), prefixes=("59", "84"))
 FULL_SCALE = 32767
 """Counts of a reading at the full travel of the unit."""
 BATCHES = Batches(most=4)  # tests/benchmarks/daemon/deadlines_of_axes.py
+EXPECTED_S = 0.01
+"""Assumed duration of a reading before the unit has been timed."""
 
 
 class Ksg101(IdentifiedDriver):
@@ -70,15 +72,15 @@ class Ksg101(IdentifiedDriver):
             self._link = None
 
     def _spec(self, identity: str = "", times: CallTimes | None = None) -> DeviceSpec:
-        latency_s = 0.0 if times is None else times.percentile_s(50.0)
+        latency_s = EXPECTED_S if times is None else times.percentile_s(50.0) or EXPECTED_S
         reach = abs(self._travel_um * self.settings.calibration)
         return DeviceSpec(
             unit="um",
             minimum=-reach,
             maximum=reach,
             resolution=reach / FULL_SCALE,
-            max_rate_hz=1.0 / latency_s if latency_s > 0 else 100.0,
-            latency_s=latency_s or 0.01,
+            max_rate_hz=1.0 / latency_s,
+            latency_s=latency_s,
             identity=identity,
             late_s=0.0 if times is None else BATCHES.late_s(times),
         )

@@ -2,7 +2,7 @@
 
 Voltage at the piezo = gain x (EXT volts - zero_v), plus the voltage set by knob or USB, which this
 driver cannot know: set it to 0. A T7's own outputs reach 5 V, half of EXT's range; an LJTick-DAC
-(TDAC) reaches 10 V.
+(TDAC) covers -10 to 10 V.
 """
 
 import math

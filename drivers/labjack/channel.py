@@ -31,8 +31,8 @@ TIMED_OUT = (1206, 1263, 1306)
 synchronisation in time. Every other error means that the unit cannot be used."""
 
 EXPECTED_S, MOST_HZ = 6e-4, 5000.0
-"""Assumed duration of a call before the unit has been timed (0.6 ms on USB, by its data sheet), and
-the upper limit of the rate."""
+"""Until the unit has been timed: the duration of a call (0.6 ms on USB, by its data sheet), and the
+highest rate, which is above what such calls allow."""
 
 BATCHES = Batches()
 

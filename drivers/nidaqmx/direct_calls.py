@@ -27,7 +27,7 @@ from dehyst.drivers.direct_calls import SIGNATURE, Direct
 from dehyst.drivers.interface import DriverError
 from dehyst.drivers.nidaqmx.channel import CONTEXT_T, fault_of
 
-TEXT_BYTES = 2048
+TEXT_BYTES = 2048  # of a description of an error: the size in NI's examples
 
 _DOUBLE = ir.DoubleType()
 _BYTES = ir.IntType(8).as_pointer()

@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # the compiled functions are imported only where they are nee
 BATCHES = Batches()
 
 EXPECTED_RATE_HZ = 1000.0
-"""Assumed rate before the channel has been timed."""
+"""Assumed rate before the channel has been timed, as for writes on demand."""
 
 BUFFER_S = 1.0
 """Length of the sample buffer [s]: far more than one reading, little enough memory."""

@@ -8,7 +8,7 @@ from dehyst.drivers.analog import check_output_range
 from dehyst.drivers.settings import Settings
 
 ON_DEMAND_HZ = 1000.0  # assumed write rate unless the device's is given
-TIMEOUT_S = 0.2
+TIMEOUT_S = 0.2  # a call usually takes 0.1 ms, about 1 ms over USB
 
 Terminals = Literal["default", "rse", "nrse", "diff", "pseudo-diff"]
 

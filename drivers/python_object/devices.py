@@ -34,8 +34,8 @@ from dehyst.drivers.python_object.shared import describe_error, object_of
 BATCHES = Batches()
 
 EXPECTED_S, MOST_HZ = 0.01, 10_000.0
-"""Assumed duration of a call before the object has been timed, and the upper limit of the rate with
-which Python calls it."""
+"""Until the object has been timed: the duration of a call and the highest rate, both of them
+guesses."""
 
 
 class _PythonDevice(IdentifiedDriver):

@@ -33,4 +33,4 @@ def drop_lead(recording: Recording, lead_s: float) -> Recording:
 
 def _before(recording: Recording, first_s: float) -> np.ndarray:
     step = float(np.min(np.diff(recording.t_s))) if recording.size > 1 else 0.0
-    return np.asarray(recording.t_s < first_s - 0.5 * step)
+    return np.asarray(recording.t_s < first_s - 0.5 * step)  # half a step: times are rounded

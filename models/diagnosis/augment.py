@@ -39,10 +39,11 @@ def nearest_monotone_hysteresis(problem: Problem, fitted: JointFit) -> Hysteresi
     mean_h, mean_y = h.mean(axis=0), float(target.mean())
     a = h - mean_h
     gram = a.T @ a
+    # 1e-9 of the power: the factor exists also where a play never moved
     factor = np.linalg.cholesky(gram + 1e-9 * np.trace(gram) * np.eye(r.size))
     sign = 1.0 if float(a[:, 0] @ (target - mean_y)) >= 0 else -1.0
     b, _ = nnls(factor.T, np.linalg.solve(factor, sign * (a.T @ (target - mean_y))))
-    b[0] = max(b[0], 1e-3 * float(b.sum()))
+    b[0] = max(b[0], 1e-3 * float(b.sum()))  # of the full slope: above 0, for an inverse
     return Hysteresis(r=r, b=sign * b, c=np.array([0.0, 1.0]), u_offset=base.low)
 
 

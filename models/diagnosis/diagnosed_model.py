@@ -22,6 +22,7 @@ from dehyst.models.cascade.simulate import channels_of, simulate
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.errors import BadInput, DehystError, OddRecording
 from dehyst.models.identify import Options, identify_alone
+from dehyst.models.identify.data.stretches import take_stretches
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 from dehyst.models.physics import KINDS
 from dehyst.models.recording import Recording
@@ -29,7 +30,7 @@ from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.pasts import FRESH
 
-# of the drive's range, used where identification gives none
+# of the drive's range, used where identification gives none; closest where the slope changes most
 THRESHOLDS = np.array([0, 0.01, 0.025, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.37, 0.45])
 POWERS = ((2, 3, 4, 5), (2, 3), ())  # tried in order, until the model is monotone
 LEAST_SLOPE = 0.1  # of the polynomial over the recorded range: below, it counts as not monotone
@@ -151,10 +152,12 @@ def take_given_model(model: Model, data: Data) -> DiagnosedModel:
 def identify_plain_model(recordings: Sequence[Recording], data: Data) -> DiagnosedModel:
     """Identify the plain model of these recordings. Where identification finds linear dynamics in
     addition to the hysteresis, refuses, or predicts only the rows that it was fitted to, fit the
-    hysteresis here without dynamics."""
+    hysteresis here without dynamics. Of a long recording, stretches are used, as many rows as the
+    fits use of all."""
     refused, odd, dynamic, r = "", "", None, THRESHOLDS * data.span
+    own = [take_stretches(one, TUNING.most_rows).recording for one in recordings]
     try:
-        model = identify_alone(recordings, Options(rate=False)).model
+        model = identify_alone(own, Options(rate=False)).model
     except (DehystError, ValueError) as error:  # also raised when there is no row to fit
         refused = str(error)
         odd = error.recording if isinstance(error, OddRecording) else ""
@@ -189,7 +192,7 @@ def fit_plain_model(data: Data, r: Floats) -> Model:
     coefficients[0], coefficients[1] = fit.offset, 1.0
     for p, cp in zip(powers, fit.c, strict=True):
         coefficients[p] = cp / size**p
-    sums = np.maximum(fit.sums, 1e-3 * float(fit.sums.max()))
+    sums = np.maximum(fit.sums, 1e-3 * float(fit.sums.max()))  # above 0, as an inverse needs
     b = np.diff(sums, prepend=0.0)
     hysteresis = Hysteresis(r=r, b=b, c=sign * coefficients, u_offset=data.u_min)
     validity = Validity(data.u_min, data.u_min + data.span, period_s=data.period)
@@ -245,7 +248,7 @@ def _fit_polynomial(
         else:
             break
         fall, best = best.sse - trial.sse, trial
-        if fall < 1e-4 * best.sse:
+        if fall < 1e-4 * best.sse:  # of the misfit: further steps gain less
             break
     return best
 
@@ -259,8 +262,9 @@ def _solve_bounded(x: Floats, y: Floats, n: int, m: int) -> tuple[Floats, Floats
     between = np.diff(np.eye(n), axis=0)
     gram[:n, :n] += UNRECORDED * float(gram[:n, :n].sum()) * (between.T @ between)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
-    normed = gram / np.outer(scale, scale) + 1e-9 * np.eye(scale.size)
+    normed = gram / np.outer(scale, scale) + TUNING.ridge * np.eye(scale.size)
     factor = np.linalg.cholesky(normed)
+    # 50: nnls fails at its own limit, 3 steps per unknown; columns this alike may need more
     w, _ = nnls(factor.T, np.linalg.solve(factor, x.T @ y / scale), maxiter=50 * scale.size)
     w = w / scale
     return w[:n], w[n : n + m] - w[n + m : n + 2 * m]
@@ -275,14 +279,14 @@ def _is_affine(block: Block, model: Model) -> bool:
     """Return whether twice the input gives twice the change of the output."""
     kind = KINDS[block.kind]
     values = kind.values(block, model.drive_unit, model.displacement_unit)
-    dt = model.validity.period_s or 1e-3
+    dt = model.validity.period_s or 1e-3  # s: at any period it shows
     t: Floats = (np.arange(PROBE_SAMPLES) * dt).astype(np.float64)
     stroke = max(float(np.abs(simulate(replace(model, blocks=()), t, _sweep(model))).max()), 1e-9)
     x = stroke * np.random.default_rng(1).random(PROBE_SAMPLES)
     channel = np.random.default_rng(2).random(PROBE_SAMPLES) if block.channel else None
     zero, one, two = (kind.run(values, k * x, t, channel) for k in (0.0, 1.0, 2.0))
     change = float(np.abs(one - zero).max())
-    return bool(np.abs(two - 2.0 * one + zero).max() <= 1e-6 * max(change, 1e-300))
+    return bool(np.abs(two - 2.0 * one + zero).max() <= 1e-6 * max(change, 1e-300))  # rounding
 
 
 def _sweep(model: Model) -> Floats:

@@ -61,14 +61,14 @@ def constancy(problem: Problem, sigma: float, x: Floats, r: Floats) -> Constancy
     xr, xx = sums(data.block)
     total = max(float(xx.sum()), 1e-30)
     a = xr / np.maximum(xx, 1e-30)
-    heavy = xx > 0.01 * total
+    heavy = xx > 0.01 * total  # of the power: the amplitude of a lighter block is noise
     deviation = float(np.sum(xx[heavy] * (a[heavy] - 1) ** 2)) / total
     chance = sigma**2 * int(heavy.sum()) / total
     spread = float(np.sqrt(max(deviation - chance, 0.0)))
     rr, rx = sums(data.rec)
     by = rr / np.maximum(rx, 1e-30)
     weight = rx / total
-    return Constancy(spread, by, float(weight[by < 0.3].sum()))
+    return Constancy(spread, by, float(weight[by < 0.3].sum()))  # of the fit's: contradicted
 
 
 def blockwise_held_out_error(problem: Problem, fitted: JointFit) -> float:

@@ -67,12 +67,12 @@ def _values(fitted: JointFit, index: int, p: Floats, cov: Floats, least: float) 
     log = {key: value > 0 for key, (value, _) in best.items()}
     for j in range(cov.shape[0]):
         size = max(float(np.sqrt(cov[j, j])), 1e-12)
-        step = min(0.1 * size, 1e-2) if j < count else 0.1 * size
+        step = min(0.1 * size, 1e-2) if j < count else 0.1 * size  # of its error: nearly linear
         theta, amps = effect.theta, np.array(amplitudes)
         if j < count:
             theta = _stepped(effect, own, j, step)
             actual = internal_parameters([Effect(effect.candidate, theta)])[j] - own[j]
-            if abs(actual) < 0.5 * step:
+            if abs(actual) < 0.5 * step:  # a bound stopped it
                 theta = _stepped(effect, own, j, -step)
                 actual = internal_parameters([Effect(effect.candidate, theta)])[j] - own[j]
             step = actual
@@ -90,7 +90,7 @@ def _values(fitted: JointFit, index: int, p: Floats, cov: Floats, least: float) 
         half = TUNING.interval_width * float(np.sqrt(max(g @ cov @ g, 0.0)))
         half = float(np.hypot(half, sure.get(key, 0.0) * (1.0 if log[key] else abs(value))))
         if log[key]:
-            half = min(half, 20.0)
+            half = min(half, 20.0)  # logarithm: a factor of 5e8 says as little as any larger one
             high = min(value * float(np.exp(half)), most.get(key, np.inf))
             out[key] = Value(value, value * float(np.exp(-half)), high, unit)
         else:
@@ -125,11 +125,11 @@ def _covariance(problem: Problem, fitted: JointFit, sigma: float) -> Floats:
     known[nuisance : nuisance + jac.shape[1]] = (sigma / _spread_before(fitted.effects)) ** 2
     unit = np.sqrt(np.maximum(np.sum(x**2, axis=0) + known, 1e-30))
     x = x / unit
-    ridge = np.full(x.shape[1], 1e-10)
+    ridge = np.full(x.shape[1], 1e-10)  # of the unit diagonal: against exact collinearity only
     ridge[:nuisance] = problem.penalty(nuisance)
     ridge += known / unit**2
     values, vectors = np.linalg.eigh(x.T @ x + np.diag(ridge))
-    whitened = vectors / np.sqrt(np.maximum(values, 1e-14 * values[-1]))
+    whitened = vectors / np.sqrt(np.maximum(values, 1e-14 * values[-1]))  # rounding
     own = whitened[nuisance:]
     white = sigma**2 * own @ own.T
     block = data.block[data.rows]

@@ -12,6 +12,7 @@ from dehyst.models.diagnosis.evidence import Constancy, constancy, contribution
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate
 from dehyst.models.signals.error_size import rms
 from dehyst.models.signals.joined import Data
@@ -154,6 +155,9 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
             why = why or "structure remains that it does not explain"
         if not why and (steady.wrong > 0.3 or steady.spread > trial.candidate.widest_spread):
             why = "not constant over the recordings"
+        if not why:
+            why = implausible_with_companion(state, trial)
+            impossible = bool(why)
     return replace(trial, constancy=steady, refused=why, impossible=impossible)
 
 
@@ -173,26 +177,37 @@ def is_sure(state: SearchState, trial: CandidateTrial, left: float) -> bool:
     return steady.spread < TUNING.quarter and steady.wrong == 0.0
 
 
-def worth_with_companion(
-    state: SearchState, trial: CandidateTrial, everything: Sequence[Candidate]
-) -> float:
+def fit_with_companion(problem: Problem, trial: CandidateTrial) -> JointFit:
+    """Return the trial's fit, together with the effect that must be present with it."""
+    companion, fit = trial.candidate.required_companion(), trial.fit
+    if not companion or companion in fit.effect_keys:
+        return fit
+    for other in (c for c in list_candidates(problem.data) if c.key == companion):
+        for theta in other.starts(problem.data, trial.fit.residual(problem.data)):
+            both = problem.refit([*trial.fit.effects, Effect(other, theta)], start=trial.fit)
+            fit = min(fit, both, key=lambda f: f.sse)
+    return fit
+
+
+def implausible_with_companion(state: SearchState, trial: CandidateTrial) -> str:
+    """Return why the amplitudes of the trial's candidate are not possible beside what must be
+    present with it, or "". A companion that gains less than the price of one parameter is not
+    there."""
+    companion = trial.candidate.required_companion()
+    if not companion:
+        return ""
+    fit, seen = fit_with_companion(state.problem, trial), TUNING.price * state.sigma**2
+    there = companion in trial.fit.effect_keys or trial.fit.sse - fit.sse > seen
+    found = effect_of(fit, companion).theta if there else ()
+    amplitudes = fit.amplitudes_of(effect_of(fit, trial.candidate.key))
+    return trial.candidate.implausible_with(amplitudes, found, state.problem.data)
+
+
+def worth_with_companion(state: SearchState, trial: CandidateTrial) -> float:
     """Return the fall of the sum of squares by the trial's candidate together with the one that
     must accompany it, less a price for each of their parameters (G. Schwarz, Ann. Statist. 6,
-    1978), so that two explanations of the same misfit are compared as a whole; minus infinity if
-    the two cannot be together."""
-    problem, fit = state.problem, trial.fit
-    companion = trial.candidate.required_companion()
-    if companion and companion not in fit.effect_keys:
-        data, alone = problem.data, fit
-        for other in (c for c in everything if c.key == companion):
-            for theta in other.starts(data, alone.residual(data)):
-                both = problem.refit([*alone.effects, Effect(other, theta)], start=alone)
-                fit = min(fit, both, key=lambda f: f.sse)
-    if companion:
-        found = effect_of(fit, companion).theta if companion in fit.effect_keys else ()
-        amplitudes = fit.amplitudes_of(effect_of(fit, trial.candidate.key))
-        if not trial.candidate.is_possible_with(amplitudes, found, problem.data):
-            return -np.inf
+    1978), so that two explanations of the same misfit are compared as a whole."""
+    problem, fit = state.problem, fit_with_companion(state.problem, trial)
     count = sum(len(e.theta) for e in fit.effects) + fit.design.shape[1]
     count -= sum(len(e.theta) for e in state.accepted.effects) + state.accepted.design.shape[1]
     price = float(np.log(problem.data.rows.sum())) * state.sigma**2

@@ -179,7 +179,7 @@ def accept_best(
     rounds = (*state.rounds, reported)
     if not good:
         return replace(state, rounds=rounds)
-    chosen, *others = _choices(state, good, everything)
+    chosen, *others = _choices(state, good)
     key = chosen.candidate.key
     fit = refine_fit(problem, sigma, chosen.fit, chosen.candidate, everything)
     return replace(
@@ -191,9 +191,7 @@ def accept_best(
     )
 
 
-def _choices(
-    state: SearchState, good: Sequence[CandidateTrial], everything: Sequence[Candidate]
-) -> list[CandidateTrial]:
+def _choices(state: SearchState, good: Sequence[CandidateTrial]) -> list[CandidateTrial]:
     """Return the best accepted trial, or a simpler or a likelier one that does as well, followed by
     those that could equally have been chosen."""
     best = good[0]
@@ -210,7 +208,7 @@ def _choices(
     taken = chosen
     # include what must be present with it
     if any(t.candidate.required_companion() for t in rivals):
-        taken = max(rivals, key=lambda t: worth_with_companion(state, t, everything))
+        taken = max(rivals, key=lambda t: worth_with_companion(state, t))
     return [taken, *(t for t in (chosen, *doubles) if t is not taken)]
 
 

@@ -109,7 +109,7 @@ def choose_base(
         say(foreign, 0.1)
     say("base fitted", 0.1)
     earlier = None if data.rows_early else choose_earlier_drive(problem, rich.null, rich.sigma)
-    if earlier is not None and earlier.data.early == 1.0:  # the rest sees the recordings mended
+    if earlier is not None and earlier.data.early == 1.0:  # repeat with the drives moved
         moved = [move_drive_a_row_earlier(one) for one in prepared.recordings]
         model = diagnosed.model if diagnosed.given else None
         return choose_base(join_recordings(moved, model, say, rows_early=1), several, say)

@@ -72,13 +72,14 @@ def design(
     _check(low, high, band_hz, duration_s, sample_hz, sines, slew_per_s)
     slowest_hz = TUNING.slowest * band_hz if slowest_hz is None else slowest_hz
     start = min(max(0.0, low), high)
-    rest_s = min(0.5, 0.05 * duration_s)
-    lead_s = 0.0 if start == low else min(1.0, 0.1 * duration_s)
+    rest_s = min(0.5, 0.05 * duration_s)  # s; at most a twentieth of the time
+    lead_s = 0.0 if start == low else min(1.0, 0.1 * duration_s)  # s; a tenth
     body_s = duration_s - 2.0 * (rest_s + lead_s)
     half = 0.5 * (high - low)
     fastest = math.floor(band_hz * body_s)
     slowest = max(TUNING.least_cycles, math.ceil(slowest_hz * body_s))
     if fastest < slowest + sines - 1:
+        # at least 0.7 of the time is left beside rests and leads
         shortest = (TUNING.least_cycles + sines + 1) / band_hz / 0.7
         raise BadInput(
             f"duration: {duration_s:g} s is too short for {sines} sines up to {band_hz:g} Hz; "
@@ -125,14 +126,14 @@ def _check(
     for name, value in (("band", band_hz), ("duration", duration_s), ("sampling rate", sample_hz)):
         if not (math.isfinite(value) and value > 0):
             raise BadInput(f"{name}: must be greater than 0, not {value:g}")
-    if duration_s * sample_hz > 50e6:
+    if duration_s * sample_hz > 50e6:  # samples: 0.4 GB a column
         raise BadInput(f"duration: {duration_s * sample_hz:.3g} samples are too many (50 million)")
     if sample_hz < TUNING.finest * band_hz:
         raise BadInput(
             f"sampling rate: {sample_hz:g} Hz is too low for a band of {band_hz:g} Hz; "
             f"take at least {TUNING.finest * band_hz:g} Hz"
         )
-    if not 2 <= sines <= 8:
+    if not 2 <= sines <= 8:  # one has a single size of loop; of many, each is small
         raise BadInput(f"sines: 2 to 8, not {sines}")
     if slew_per_s is not None and not slew_per_s > 0:
         raise BadInput(f"slew: must be greater than 0, not {slew_per_s:g}")
@@ -154,10 +155,11 @@ def _search(
     for _ in range(TUNING.trials):
         inner = rng.uniform(np.log(slowest), np.log(fastest), sines - 1)
         cycles = np.unique(np.append(np.round(np.exp(inner)), float(fastest)))
+        # the common divisor is the number of times that the drive repeats itself
         if cycles.size < sines or math.gcd(*(int(c) for c in cycles)) > max(1, slowest // 4):
             continue
-        shares = rng.dirichlet(np.full(sines, 2.0))
-        shares = np.maximum(shares, 0.05)
+        shares = rng.dirichlet(np.full(sines, 2.0))  # 2: rarely near 0
+        shares = np.maximum(shares, 0.05)  # of the half range: no sine is lost
         shares /= shares.sum()
         if slew is not None and 2 * np.pi * half * float(shares @ cycles) / body_s > slew:
             continue
@@ -201,7 +203,7 @@ def _measure_evenness(cycles: Floats, shares: Floats) -> float:
     cells, _, _ = np.histogram2d(
         u, rate, bins=(COVERAGE.drive_bins, COVERAGE.rate_bins), range=((-1.0, 1.0), (-1.0, 1.0))
     )
-    speeds = np.histogram(np.abs(rate), bins=8, range=(0.0, 1.0))[0]
+    speeds = np.histogram(np.abs(rate), bins=8, range=(0.0, 1.0))[0]  # classes of speed
     return _compute_entropy(cells.ravel()) * _compute_entropy(speeds)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from dehyst.models.errors import BadInput
 from dehyst.models.recording import Bools, Floats
 
-MOST_SAMPLES = 5_000_000
+MOST_SAMPLES = 5_000_000  # of a path: 40 MB an axis
 FINE = 20_000  # points of a path, from which its timing is computed
 
 
@@ -92,7 +92,7 @@ def scan_spiral(radius: float, pitch: float, speed: float, most_hz: float, perio
     angle = np.linspace(0.0, radius / b, FINE)
     rate = np.minimum(2.0 * np.pi * most_hz, speed / np.hypot(b * angle, b))
     at_s = np.concatenate([[0.0], np.cumsum(np.diff(angle) * 0.5 * (1 / rate[1:] + 1 / rate[:-1]))])
-    ramp_s = 0.5 / most_hz
+    ramp_s = 0.5 / most_hz  # half of the fastest turn
     along, image = _run_through(float(at_s[-1]), ramp_s, period_s)
     phi = np.interp(along, at_s, angle)
     x = np.asarray(b * phi * np.cos(phi), np.float64)
@@ -123,7 +123,7 @@ def scan_lissajous(
     a, b = ratio
     if min(a, b) < 1 or turns < 1:
         raise BadInput(f"ratio and turns are whole numbers from 1, not {a}:{b} and {turns}")
-    ramp_s = figure_s / 8.0
+    ramp_s = figure_s / 8.0  # gentle: an eighth of a figure
     along, image = _run_through(turns * figure_s, ramp_s, period_s)
     phase = 2.0 * np.pi * along / figure_s
     x = 0.5 * width * np.sin(a * phase + 0.5 * np.pi)
@@ -160,7 +160,7 @@ def _time_back(width: float, height: float, speed: float) -> float:
 
 
 def _times(length_s: float, period_s: float) -> Floats:
-    n = int(np.ceil(length_s / period_s - 1e-9)) + 1
+    n = int(np.ceil(length_s / period_s - 1e-9)) + 1  # rounding
     if not 16 <= n <= MOST_SAMPLES:
         raise BadInput(f"the path has {n} samples; 16 to {MOST_SAMPLES} are allowed")
     return np.arange(n, dtype=np.float64) * period_s

@@ -128,7 +128,7 @@ def _make_channels(limits: Limits) -> dict[str, Floats]:
     """Return a temperature that rises while it oscillates, and another axis that moves
     independently."""
     s = limits.times / limits.seconds
-    other = limits.middle + 0.4 * limits.span * np.sin(2 * np.pi * 7.3 * s)
+    other = limits.middle + 0.4 * limits.span * np.sin(2 * np.pi * 7.3 * s)  # in step with no drive
     return {TEMPERATURE: 22.0 + s + 0.2 * np.sin(9.0 * s), OTHER_AXIS: other}
 
 

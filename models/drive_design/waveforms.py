@@ -60,7 +60,7 @@ class Waveform:
 
 def _ramped(limits: Limits, wanted: Floats) -> Floats:
     """Return the wanted drive, starting at the low end and limited to the allowed rate."""
-    most = 0.98 * limits.rate_max * limits.period_s
+    most = 0.98 * limits.rate_max * limits.period_s  # just below the limit, for rounding
     out = np.empty(wanted.size)
     v = limits.drive_min
     for i, w in enumerate(wanted.tolist()):
@@ -76,7 +76,7 @@ def _levels(limits: Limits, shares: list[float], hold_s: float) -> Floats:
 
 
 def _holds(limits: Limits) -> Floats:
-    shares = [0.0, 0.9, 0.3, 0.6, 0.1, 0.8, 0.5, 0.95]
+    shares = [0.0, 0.9, 0.3, 0.6, 0.1, 0.8, 0.5, 0.95]  # of the range: moves of many sizes
     return _levels(limits, shares, limits.seconds / len(shares))
 
 
@@ -93,28 +93,28 @@ def _chirp(limits: Limits, share: float, top: float) -> Floats:
     reduced."""
     t = limits.times
     nyquist = 0.5 / limits.period_s
-    low, high = 1.0 / limits.seconds * 10, top * nyquist
+    low, high = 1.0 / limits.seconds * 10, top * nyquist  # Hz: from ten waves in the whole time
     growth = np.log(high / low)
     f = low * np.exp(growth * t / limits.seconds)
     phase = 2 * np.pi * low * limits.seconds / growth * (np.exp(growth * t / limits.seconds) - 1)
-    allowed = 0.9 * limits.rate_max / (2 * np.pi * f)
+    allowed = 0.9 * limits.rate_max / (2 * np.pi * f)  # of the rate: a margin
     amplitude = np.minimum(share * limits.span, allowed)
     return _ramped(limits, limits.middle + amplitude * np.sin(phase))
 
 
 def _small_chirp(limits: Limits) -> Floats:
-    return _chirp(limits, 0.04, 0.8)
+    return _chirp(limits, 0.04, 0.8)  # of the range; up to this part of the Nyquist frequency
 
 
 def _large_chirp(limits: Limits) -> Floats:
-    return _chirp(limits, 0.4, 0.4)
+    return _chirp(limits, 0.4, 0.4)  # of both
 
 
 def _random_steps(limits: Limits) -> Floats:
     rng = np.random.default_rng(1)
     out = np.empty(0)
     while out.size < limits.times.size:
-        long = rng.integers(20, 200)
+        long = rng.integers(20, 200)  # samples: holds of many lengths
         out = np.r_[out, np.full(long, limits.middle + 0.2 * limits.span * rng.uniform(-1, 1))]
     return _ramped(limits, out[: limits.times.size])
 
@@ -126,13 +126,13 @@ def _triangle(limits: Limits, period_s: float, share: Floats | float) -> Floats:
 
 
 def _slow_triangle(limits: Limits) -> Floats:
-    return _triangle(limits, limits.seconds / 8, 0.95)
+    return _triangle(limits, limits.seconds / 8, 0.95)  # eight, over most of the range
 
 
 def _fast_and_slow(limits: Limits) -> Floats:
     """Return the same triangles at three speeds, the fastest as fast as allowed."""
     third = np.minimum(3 * np.arange(limits.times.size) // limits.times.size, 2)
-    fastest = max(2.5 * limits.span / limits.rate_max, 16 * limits.period_s)
+    fastest = max(2.5 * limits.span / limits.rate_max, 16 * limits.period_s)  # s; 2: at the limit
     slowest = max(limits.seconds / 6, fastest)
     parts = [_triangle(limits, p, 0.97) for p in (slowest, (slowest * fastest) ** 0.5, fastest)]
     return _ramped(limits, np.choose(third, parts))
@@ -141,6 +141,7 @@ def _fast_and_slow(limits: Limits) -> Floats:
 def _burst_then_hold(limits: Limits) -> Floats:
     """Return a long burst of fast motion, then a rest at the middle."""
     t = limits.times
+    # 80 Hz heats a stage; the others are within the rate, and ten samples to a period
     f = min(80.0, 0.9 * limits.rate_max / (2 * np.pi * 0.35 * limits.span), 0.1 / limits.period_s)
     on = (t > 0.1 * limits.seconds) & (t < 0.5 * limits.seconds)
     burst = np.where(on, 0.35 * limits.span, 0.0) * np.sin(2 * np.pi * f * t)

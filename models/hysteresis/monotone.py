@@ -137,10 +137,10 @@ def make_typical_drive(drive_min: float, drive_max: float, rate: float) -> tuple
     """
     span = drive_max - drive_min
     rate = rate or span
-    phase = np.arange(4000) / 4000.0
-    size = 0.5 * (1.0 + np.cos(2 * np.pi * phase)) * 0.98 + 0.02
+    phase = np.arange(4000) / 4000.0  # samples: 200 to each of 20 loops
+    size = 0.5 * (1.0 + np.cos(2 * np.pi * phase)) * 0.98 + 0.02  # of the half range, from 1
     wave = size * np.cos(2 * np.pi * 20 * phase) * (1 - 0.15 * np.cos(2 * np.pi * 3 * phase))
-    wave += 0.15 * np.cos(2 * np.pi * 3 * phase) * size
+    wave += 0.15 * np.cos(2 * np.pi * 3 * phase) * size  # of the half range: the centre wanders
     rise = np.linspace(0.0, 1.0, 200, endpoint=False)
     u = drive_min + 0.5 * span * np.concatenate([rise * (1 + wave[0]), 1 + wave])
     u = np.clip(u, drive_min, drive_max)
@@ -170,7 +170,7 @@ def nearest_monotone(model: Model, rate: float = 0.0) -> tuple[Model, float]:
     rates = np.concatenate([[0.0], np.diff(u)]) / dt
     z = plays @ h.b + rates * (plays @ h.k)
     weight = np.abs(np.polynomial.polynomial.polyval(z, _differentiate(h.c)))
-    weight = np.maximum(weight, 1e-3 * weight.max())
+    weight = np.maximum(weight, 1e-3 * weight.max())  # rows on a flat saturation count a little
     steps = plays.copy()
     steps[:, :-1] -= plays[:, 1:]  # column j is multiplied by the partial sum j
     full = abs(float(np.sum(h.b[live]))) or float(np.max(np.abs(h.b))) or 1.0

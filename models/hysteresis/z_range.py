@@ -67,6 +67,7 @@ def find_least_slope(
     if high <= low:
         return 0.0
     slope = np.asarray(np.polynomial.polynomial.polyder(h.c), dtype=np.float64)
+    # 257 evenly spaced values give the mean, the extrema the smallest slope
     at = np.concatenate([np.linspace(low, high, 257), _find_extrema(slope, low, high)])
     values = np.polynomial.polynomial.polyval(at, slope)
     mean = float(np.mean(values[:257]))
@@ -79,7 +80,7 @@ def _find_extrema(slope: Floats, low: float, high: float) -> Floats:
     if second.size < 2:
         return np.empty(0)
     roots = np.roots(second[::-1])
-    real = roots.real[np.abs(roots.imag) <= 1e-9 * (1.0 + np.abs(roots.real))]
+    real = roots.real[np.abs(roots.imag) <= 1e-9 * (1.0 + np.abs(roots.real))]  # rounding
     return real[(real > low) & (real < high)]
 
 

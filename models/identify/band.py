@@ -94,6 +94,7 @@ def _settle(setup: FitSetup, r: Floats, lots: list[Equations], one: TriedStructu
     """Return the parameters of a structure at the minimum of its misfit within the bounds."""
     bounds = make_bounds(one.params, setup.limits, r, TUNING.crumb * setup.span * one.loose)
     prior = Prior(r, setup.slope, 0.5 * setup.span)
+    # (12, 1e-4) is the effort of the last fit
     return fit_shape(
         lots, one.shape, one.params, bounds, prior, one.strength, one.loose, (12, 1e-4)
     ).params

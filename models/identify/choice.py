@@ -140,7 +140,7 @@ def _choose(
         if not count:
             break
         setup, wild = fewer, wild + count
-        if count <= 1e-3 * errors[0].size:
+        if count <= 1e-3 * errors[0].size:  # of the rows: so few hardly change the choice
             break
     if wild:
         notes.append(f"{wild} isolated displacement outliers were left out")

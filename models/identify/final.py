@@ -131,7 +131,7 @@ def _fit(
     begins = (scored.params, start)  # the first solves the equations linearised about the second
     begin = min(begins, key=lambda p: measure_misfit(equations, shape, p))
     loose = run(equations, begin, narrow)
-    tight = run(equations, loose.params, 0.0, 1e-3)
+    tight = run(equations, loose.params, 0.0, 1e-3)  # rough: the last run refines it
     least, bounded = loose.normal.misfit, tight.normal.misfit
     freed = float(np.count_nonzero(r <= narrow) * (1 + shape.rate))  # each gains a little by chance
     chance = (freed + TUNING.sure * np.sqrt(2.0 * freed)) / loose.normal.count
@@ -147,7 +147,7 @@ def _fit(
         each = loose.normal.count / wish.u.size
         pull = weigh_pull(setup, wish, r, offset, shape.rate, each)
         # the pull moves the model far, so compute its cost at the end of that move
-        begin = run(equations + pull, begin, 0.0, 1e-3).params
+        begin = run(equations + pull, begin, 0.0, 1e-3).params  # likewise
         data = assemble(equations, shape, begin)
         whole = prior.add_to(data, shape.rate, strength)
         pull = [lot._replace(weight=1.0) for lot in pull]

@@ -65,7 +65,7 @@ def fit_shape(
     prior: Prior | None = None,
     strength: float = 0.0,
     loose: bool = False,
-    effort: tuple[int, float] = (12, 1e-6),
+    effort: tuple[int, float] = (12, 1e-6),  # a limit on time; far less than any gain that counts
 ) -> Solution:
     """Fit from `start`. loose: the prior is weakest on narrow operators; effort: maximum number of
     steps, and the relative decrease of the misfit at which to stop."""
@@ -85,7 +85,7 @@ def fit_shape(
         if promised <= tolerance * eq.misfit:
             break
         part = 1.0
-        for _ in range(6):
+        for _ in range(6):  # down to a hundredth of the step, by 0.4 each time
             trial = Params.unpacked(before + part * (goal - before), params)
             trial_eq = assemble(equations, shape, trial)
             noise = eq.misfit / max(1, eq.count)
@@ -93,7 +93,7 @@ def fit_shape(
                 one.misfit + noise * float(at.slopes @ cost @ at.slopes)
                 for one, at in ((trial_eq, trial), (eq, params))
             )
-            if np.isfinite(worth) and worth < now * (1 + 1e-7):
+            if np.isfinite(worth) and worth < now * (1 + 1e-7):  # rounding
                 break
             part *= 0.4
         else:

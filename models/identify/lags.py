@@ -23,8 +23,8 @@ from dehyst.models.recording import Bools, Floats
 
 PLACES = ("drive", "sensor")
 GOLDEN = (3.0 - 5.0**0.5) / 2.0  # smaller part of a golden section
-DELAYS = (0.5, 1.5, 5.0, 15.0)  # sampling periods
-LAGS = (0.5, 3.0, 12.0, 40.0, 120.0, 360.0)  # sampling periods
+DELAYS = (0.5, 1.5, 5.0, 15.0)  # sampling periods, by factors of 3: the search refines between
+LAGS = (0.5, 3.0, 12.0, 40.0, 120.0, 360.0)  # sampling periods, by factors of 3 to 6, likewise
 
 
 class LagSearch:
@@ -172,7 +172,7 @@ class LagSearch:
             def cost(tau: float, like: Dynamics = lag, about: TriedStructure = found) -> float:
                 return self._misfit(replace(like, theta=(tau,)), False, about)
 
-            tau = _search(cost, near, 3)
+            tau = _search(cost, near, 3)  # steps: the next round refines it
             if tau is None:
                 break
             lag = replace(lag, theta=(tau,))
@@ -229,13 +229,14 @@ class LagSearch:
             theta = (float(np.exp(log_f)), float(damping))
             return replace(first, kind=SECOND, place="sensor", theta=theta)
 
+        # it is as late as the lag at low frequencies, damping / (pi f), and 0.7 hardly overshoots
         log_f, damping = float(np.log(0.7 / (np.pi * first.theta[0]))), 0.7
-        near, damped = np.log((0.6, 1.0, 1.7)), (TUNING.half, 0.8, 1.3)
+        near, damped = np.log((0.6, 1.0, 1.7)), (TUNING.half, 0.8, 1.3)  # factors of f; damping
 
         def cost(log_f: float, damping: float) -> float:
             return self._misfit(make(log_f, damping), False, about)
 
-        for _ in range(2):
+        for _ in range(2):  # along one of the two, then the other, twice
             by_f = _search(partial(cost, damping=damping), log_f + near, 3)
             log_f = log_f if by_f is None else by_f
             by_z = _search(partial(cost, log_f), damped, 3)
@@ -254,7 +255,7 @@ def _find_mean_rate(one: Rows) -> float:
 def _search(
     cost: Callable[[float], float],
     grid: Sequence[float] | Floats,
-    steps: int,
+    steps: int,  # golden sections: 3 leave a quarter of the interval, 6 a twentieth
     enough: float = np.inf,
     known: dict[float, float] | None = None,
 ) -> float | None:
@@ -273,7 +274,7 @@ def _search(
         right = order[at + 1] if at + 1 < len(order) else best
         wide = right if right - best > best - left else left
         new = _vertex(known, left, best, right)
-        if not left < new < right or abs(new - best) < 0.05 * abs(wide - best):
+        if not left < new < right or abs(new - best) < 0.05 * abs(wide - best):  # no progress
             new = best + GOLDEN * (wide - best)
         known[new] = cost(new)
         best = min(known, key=lambda v: known[v])

@@ -51,6 +51,7 @@ def start_agrees(setup: FitSetup, rate: bool) -> bool:
     left = fit.misfit(0.0)
     beyond = left - _estimate_noise_power(begun)
     enough = left - max(TUNING.quarter * beyond, TUNING.small * left)
+    # a return from an end within half the range displaces narrow operators only
     ways = [way for way in (setup.drive_max, setup.drive_min) if abs(way) > 0.5 * setup.span]
     # half and all of the excursion to that end: a return to zero leaves displaced only operators
     # narrower than the excursion, so the two cover a partial and a full exercise
@@ -134,8 +135,8 @@ def _describe_time(one: Rows) -> Floats:
     fresh[0] = True
     steps = np.diff(t, prepend=t[0] - one.period_s)
     length = float(t[-1] - t[0])
-    first, last = 10.0 * one.period_s, SLOWEST * length
-    count = max(CREEPS, round(3.0 * np.log10(last / first)))
+    first, last = 10.0 * one.period_s, SLOWEST * length  # longer than FAST
+    count = max(CREEPS, round(3.0 * np.log10(last / first)))  # 3 to a decade: their sum is smooth
     groups = [np.array(FAST) * one.period_s]
     groups += np.array_split(np.geomspace(first, last, count), CREEPS)
     columns = np.zeros((one.u.size, len(groups) + len(DRIFT)))

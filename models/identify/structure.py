@@ -270,7 +270,7 @@ class Trial:
             self.prior,
             found.strength,
             self.loose,
-            (3, 1e-3),
+            (3, 1e-3),  # steps, relative decrease: near its minimum already
         ).params
 
     def misfit(self, shape: Shape, strength: float, noise: float, loose: bool) -> float:

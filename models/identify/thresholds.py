@@ -24,7 +24,7 @@ def space_thresholds(n: int, drive_span: float, whole: bool = False, power: floa
     distinguish closer ones. whole: place some of them up to the span; on the virgin curve operators
     that wide still move.
     """
-    wide = max(1, int(TUNING.minor * n)) if whole and n > 4 else 0
+    wide = max(1, int(TUNING.minor * n)) if whole and n > 4 else 0  # fewer have none to spare
     n -= wide
     power *= min(1.0, np.log(TUNING.fine) / np.log(max(n, 2)))
     inner = (np.arange(n) / n) ** power * drive_span / 2.0
@@ -168,7 +168,7 @@ def _find_cheapest(gram: Floats, p: Floats, n: int, rate: bool) -> int:
     """
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     g = gram / np.outer(scale, scale)
-    g[np.diag_indices_from(g)] += 1e-10
+    g[np.diag_indices_from(g)] += 1e-10  # of the unit diagonal: against exact collinearity
     inverse = np.linalg.inv(g) / np.outer(scale, scale)
     best, cost = 1, np.inf
     for j in range(1, n):

@@ -93,9 +93,9 @@ def measure_band_hz(u: Floats, period_s: float, share: float = 0.999) -> float |
     """Return the frequency below which `share` of the power of the drive lies [Hz]; gaps are closed
     for this."""
     known = u[~np.isnan(u)]
-    if known.size < 16:
+    if known.size < 16:  # rows: their spectrum has too few bins
         return None
-    known = known[: 1 << 18]
+    known = known[: 1 << 18]  # rows, to save time
     power = np.abs(np.fft.rfft((known - known.mean()) * np.hanning(known.size))) ** 2
     if power.sum() <= 0.0:
         return None

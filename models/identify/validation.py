@@ -182,7 +182,7 @@ def validate(model: Model, recording: Recording) -> Validation:
         within=within,
         late=int(np.count_nonzero(late)),
         noisier=_find_noisier(error, noise, fit.noise_rms if fit.noise_rms is not None else claim),
-        coarse=fit.band is not None and step > 2.0 * fit.band,
+        coarse=fit.band is not None and step > 2.0 * fit.band,  # its full width
         repeats=int(np.count_nonzero(again)),
         stuck=int(np.count_nonzero(stuck)),
     )
@@ -252,7 +252,7 @@ def _find_slower(model: Model, u: Floats, t: Floats) -> Bools:
 def _find_outside(model: Model, u: Floats, t: Floats) -> Bools:
     """Return the rows (N,) beyond the drive range or the rate in which the model was identified."""
     v = model.validity
-    margin = 1e-6 * (v.drive_max - v.drive_min)
+    margin = 1e-6 * (v.drive_max - v.drive_min)  # rounding in files
     beyond = (u < v.drive_min - margin) | (u > v.drive_max + margin)
     if v.rate_max and u.size > 1:
         beyond[1:] |= np.abs(np.diff(u)) / np.diff(t) > v.rate_max * (1.0 + 1e-6)

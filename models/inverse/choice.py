@@ -100,7 +100,7 @@ def limits_of(
 def mean_slope(model: Model, low: float, high: float) -> float:
     """Return the mean |dy/du| over the drive range; 1 where it is 0."""
     h = model.hysteresis
-    ends = simulate_hysteresis(h, np.array([low, high, low, high]), 1e9)
+    ends = simulate_hysteresis(h, np.array([low, high, low, high]), 1e9)  # s: at rest
     slope = abs(float(ends[3] - ends[2])) / (high - low)
     return slope if slope != 0.0 and math.isfinite(slope) else 1.0
 
@@ -109,4 +109,4 @@ def noise_of(model: Model, slope: float, low: float, high: float) -> float:
     """Return the model's noise [displacement unit]; where it states none, a share of the stroke."""
     stroke = slope * (high - low)
     stated = model.fit.noise_rms or model.fit.rms
-    return max(stated, 1e-6 * stroke) if stated else TUNING.noise_share * stroke
+    return max(stated, 1e-6 * stroke) if stated else TUNING.noise_share * stroke  # above rounding

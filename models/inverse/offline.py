@@ -106,7 +106,7 @@ def invert_trajectory(
     before the first sample, None: 0 or the end of the range next to it.
     """
     streamed = invert_streamed(comp, target, channels, start)
-    if not comp.planned or target.size < 8:
+    if not comp.planned or target.size < 8:  # samples: too few to plan
         return streamed
     target = np.ascontiguousarray(target, np.float64)
     n = target.size

@@ -73,4 +73,5 @@ def power_of(x: Spectrum) -> float:
 def _late(factor: complex) -> str:
     """Return the phase lag as text, or "" where it is negligible."""
     degrees = float(np.degrees(np.angle(factor)))
+    # a phase beyond 135 degrees is a wrong sign, one below 5 is negligible
     return f" and {-degrees:.0f} degrees late" if -135.0 < degrees < -5.0 else ""

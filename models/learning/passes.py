@@ -95,7 +95,7 @@ class Learner:
         self.period_s, self.noise, self.bound = period_s, noise, bound
         self.n = n = target.size
         steps = np.abs(np.diff(target))
-        typical = float(np.quantile(steps, 0.9)) + noise
+        typical = float(np.quantile(steps, 0.9)) + noise  # not the median: a staircase mostly rests
         self.closed = abs(target[0] - target[-1]) <= TUNING.closed * typical
         lines = n // 2 + 1 if self.closed else n
         self.hertz = np.arange(lines) / (n * period_s * (1.0 if self.closed else 2.0))
@@ -193,7 +193,7 @@ class Learner:
     def _update_noise(self, change: Spectrum) -> None:
         """Update the noise's spectrum from the difference of a pass to the earlier average."""
         power = np.abs(change) ** 2 / (1.0 + self._left)
-        width = max(TUNING.noise_width, power.size // 200)
+        width = max(TUNING.noise_width, power.size // 200)  # lines; of many, half a per cent
         seen = _running_mean(power, width)
         mixed = self._noise_power + (1.0 - TUNING.noise_memory) * (seen - self._noise_power)
         self._noise_power = np.maximum(mixed, TUNING.least_noise * self.noise**2)
@@ -266,7 +266,7 @@ class Learner:
             return "the first pass starts from another position"
         if not self.closed:
             return ""
-        m = min(max(TUNING.seam, self.n // 50), self.n // 2)
+        m = min(max(TUNING.seam, self.n // 50), self.n // 2)  # 2 % of a pass
         places = np.arange(m) + 0.5  # a straight line on each side of the seam at 0
         after = float(np.polyval(np.polyfit(places, repeats[:m], 1), 0.0))
         before = float(np.polyval(np.polyfit(-places[::-1], repeats[-m:], 1), 0.0))

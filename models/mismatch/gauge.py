@@ -57,6 +57,7 @@ def find_gauge_fault(recording: Recording, model: Model, reach: tuple[float, flo
             f"{value:.4g} {model.displacement_unit}"
         )
     valid = model.validity
+    # a drive that moves by less than 1e-4 of its range is at rest
     moved = np.abs(np.diff(drive)) > 1e-4 * (valid.drive_max - valid.drive_min)
     still = (np.diff(known) == 0.0) & moved
     if np.ptp(drive) > GAUGE.moved * (valid.drive_max - valid.drive_min):
@@ -65,7 +66,7 @@ def find_gauge_fault(recording: Recording, model: Model, reach: tuple[float, flo
             return f"the gauge is stuck: the same reading in {100 * share:.0f} % of the rows"
     step = np.diff(known)
     there_and_back = (np.abs(step[:-1]) > GAUGE.jump * span) & (step[:-1] * step[1:] < 0.0)
-    there_and_back &= np.abs(step[1:]) > 0.5 * GAUGE.jump * span
+    there_and_back &= np.abs(step[1:]) > 0.5 * GAUGE.jump * span  # and half of it back
     if int(there_and_back.sum()) >= GAUGE.jumps:
         return f"the gauge jumps: {int(there_and_back.sum())} times far away and back in one sample"
     return _find_noise(recording, model)

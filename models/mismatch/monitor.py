@@ -105,7 +105,9 @@ class MismatchMonitor:
         )
         stroke = max(float(np.ptp(ends)), 1e-12)
         fit = model.fit
+        # 0.002 of the stroke stands for a noise that is not stated; 1e-5 of it is above rounding
         self.noise = max(fit.noise_rms or fit.rms or 0.002 * stroke, 1e-5 * stroke)
+        # a claim may be absent or too small, so twice the noise is the least misfit
         misfit = max(fit.claim or 0.0, 2.0 * self.noise) / self.noise
         lag = max(1, round(1.0 / (period_s * TUNING.fast_hz)))
         prior = np.full(kernel.N_FEATURES, TUNING.prior * misfit**2)
@@ -135,7 +137,7 @@ class MismatchMonitor:
             low=np.zeros(kernel.N_LOW),
             steps=np.zeros(TUNING.steps),
             floors=np.full((3, kernel.N_CLASSES), misfit**2),
-            weights=np.full((3, kernel.N_CLASSES), 0.25),
+            weights=np.full((3, kernel.N_CLASSES), 0.25),  # s, below trust_s
             past=np.full(lag + 1, np.nan),
             now=np.zeros(1, kernel.NOW),
             sums=np.zeros(1, kernel.SUMS),
@@ -249,6 +251,7 @@ class MismatchMonitor:
         goes_on = not self.mismatch or self.motion_s < self._early_s
         if self.motion_s > self._settled_s:
             self._state.now[0]["memory_s"] = TUNING.floor_s
+        # the baseline learns more slowly from half the threshold on, a third as fast at it
         self._state.now[0]["learn"] = goes_on / (1.0 + max(0.0, 4.0 * health - 2.0))
 
 

@@ -144,10 +144,10 @@ class Candidate:
         """Return the key of another candidate that must be present if this one is; "": none."""
         return ""
 
-    def is_possible_with(self, amplitudes: Floats, companion: Sequence[float], data: Data) -> bool:
-        """Return whether these amplitudes are possible together with the fitted parameters of the
-        required companion; (): its fit is no better than none."""
-        return True
+    def implausible_with(self, amplitudes: Floats, companion: Sequence[float], data: Data) -> str:
+        """Return why these amplitudes are not possible together with the fitted parameters of the
+        required companion, or "". companion (): its fit is no better than none."""
+        return ""
 
     def scaled(self, theta: Sequence[float], amount: float) -> tuple[float, ...]:
         """Return a start whose effect is about `amount` times as large, where size_index names the

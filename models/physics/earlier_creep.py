@@ -34,9 +34,9 @@ PACKED = fields("amount", "since")
 STATE = fields("elapsed")  # time since the first sample
 MOST = 0.5  # largest creep per decade, of the stroke: the move may have been larger than that
 MOST_OF_REACH = 0.1  # the same, of the displacement of a move from drive 0; the larger one counts
-MOST_MOVE = 5.0
+MOST_MOVE = 4.0
 """Size of the earlier move that the creep after the recorded ones may imply, in moves from drive 0.
-The loop takes part of the latter creep, and its fit is too small by 1 to 4 times."""
+The loop takes part of the latter creep, and its fit is up to 3 times too small."""
 EARLIEST, LATEST = 0.002, 3.0  # range of `since`, relative to the recording's length
 
 
@@ -129,10 +129,12 @@ class EarlierCreep(Candidate):
     def required_companion(self) -> str:
         return "creep"
 
-    def is_possible_with(self, amplitudes: Floats, companion: Sequence[float], data: Data) -> bool:
+    def implausible_with(self, amplitudes: Floats, companion: Sequence[float], data: Data) -> str:
         gain_per_decade = companion[0] if companion else 0.0
         most = MOST_MOVE * max(float(np.ptp(data.y)), move_from_zero(data))
-        return float(np.abs(amplitudes).max()) <= gain_per_decade * most
+        if float(np.abs(amplitudes).max()) > gain_per_decade * most:
+            return "no recorded move creeps as that of an earlier one would imply"
+        return ""
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
         most = max(MOST * float(np.ptp(data.y)), MOST_OF_REACH * move_from_zero(data))

@@ -60,7 +60,7 @@ def find_jumps_at_turns(u: Floats, y: Floats, way: float) -> Floats:
     """Return (K,) by how much further the reading moves than a straight line, right after each turn
     of the drive, in the direction of the drive. u, y: (N,) without gaps; way: what counts as right
     after a turn, as a fraction of the drive's range."""
-    span, gain = float(np.ptp(u)), float(np.ptp(np.quantile(y, [0.02, 0.98])))
+    span, gain = float(np.ptp(u)), float(np.ptp(np.quantile(y, [0.02, 0.98])))  # no outliers
     sense = np.sign(np.polyfit(u, y, 1)[0])
     found = []
     turns = find_turns(u, FAR_TURN * span)

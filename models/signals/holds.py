@@ -100,7 +100,7 @@ def _gains(t: Floats, u: Floats, move: float) -> tuple[float, float, float] | No
         return None
     first = x < 0.5 * (x[0] + x[-1])
     parts = [-_fit(x[k], v[k])[0] / move for k in (first, ~first)]
-    half = max(abs(parts[0] - parts[1]), 0.05 * gain)
+    half = max(abs(parts[0] - parts[1]), 0.05 * gain)  # two halves may agree by chance
     return gain, gain - half, gain + half
 
 

@@ -23,7 +23,7 @@ def measure_share_in_jumps(u: Floats, y: Floats) -> tuple[float, int]:
     (N,) without gaps. Readings that repeat exactly are taken once, as a slow gauge holds them."""
     fresh = np.flatnonzero(np.concatenate([[True], np.diff(y) != 0.0]))
     u, y = u[fresh], y[fresh]
-    if u.size < 8 or not np.ptp(u) or not np.ptp(y):
+    if u.size < 8 or not np.ptp(u) or not np.ptp(y):  # rows: none show jumps
         return 0.0, 0
     du, dy = np.diff(u), np.diff(y)
     fastest = np.sort(np.abs(du))[-max(1, du.size // 20) :]
@@ -32,7 +32,7 @@ def measure_share_in_jumps(u: Floats, y: Floats) -> tuple[float, int]:
     gain = float(np.polyfit(u, y, 1)[0])
     mean = float(np.ptp(y) / np.ptp(u))
     ahead = dy - np.sign(gain) * mean * du
-    noise = 1.4826 * float(np.median(np.abs(ahead - np.median(ahead))))
+    noise = 1.4826 * float(np.median(np.abs(ahead - np.median(ahead))))  # std of normal noise
     least = max(SIGMAS * noise, LEAST * float(np.ptp(y)))
     most = np.maximum(least, STEEPEST * mean * np.abs(du))
     at: Ints = np.flatnonzero(np.abs(dy) > most)

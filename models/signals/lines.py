@@ -44,9 +44,9 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
     longest = max(float(np.ptp(data.t[here])) for here in whole)
     drives = [_drive_of(data, here) for here in whole]
     for _ in range(count):
-        step = 0.5 / longest
-        top = 0.49 / float(data.dt.max())
-        grid = np.arange(2.0 / longest, top, step)
+        step = 0.5 / longest  # Hz: half a bin
+        top = 0.49 / float(data.dt.max())  # Hz: just below the Nyquist frequency
+        grid = np.arange(2.0 / longest, top, step)  # two waves at least
         total = np.full(grid.size, np.inf)
         driven = np.full(grid.size, np.inf)
         fed_back = np.ones(grid.size, dtype=bool)
@@ -55,7 +55,7 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
             here = whole[i]
             e = work[here]
             dt = float(data.dt[here][0])
-            if e.size < 400:
+            if e.size < 400:  # samples: their bins are too few to have neighbours
                 continue
             f, spectrum = _spectrum(e, dt)
             local = _local_rms(spectrum)
@@ -63,7 +63,7 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
             total = np.minimum(total, np.interp(grid, f, ratio))
             drive = drives[i]
             driven = np.minimum(driven, np.interp(grid, f, drive.products))
-            fed_back &= np.interp(grid, f, _as_high(spectrum, drive, slope)) > 0.5
+            fed_back &= np.interp(grid, f, _as_high(spectrum, drive, slope)) > 0.5  # between 0, 1
             first = drive.first_hz
             own = drive.everywhere | (np.interp(grid, f, drive.products) > STANDS_OUT)
             harmonic &= _harmonics(grid, first, longest) & own if first else False
@@ -72,7 +72,7 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
         # a line that the drive has in every recording is caused by the drive
         total[(driven > AS_STRONG * total) & ~fed_back | harmonic] = 0.0
         for known in found:
-            total[np.abs(grid - known) < 6 * step] = 0.0
+            total[np.abs(grid - known) < 6 * step] = 0.0  # 3 bins: its main lobe
         at = int(np.argmax(np.where(np.isfinite(total), total, 0)))
         if total[at] < STANDS_OUT:
             break
@@ -159,7 +159,7 @@ def _drive_lines(drive: bytes, forgotten: bytes, low: float, span: float, dt: fl
     """Return the lines of the drive of one stretch. drive, forgotten: bytes of u, forgets (n,)."""
     u, forgets = np.frombuffer(drive), np.frombuffer(forgotten, dtype=np.int64)
     spectrum = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size), PADDED * u.size))
-    minor = (spectrum < MINOR * spectrum.max()) & (spectrum > 3.0 * _local_rms(spectrum))
+    minor = (spectrum < MINOR * spectrum.max()) & (spectrum > 3.0 * _local_rms(spectrum))  # a line
     products, first = _products(u, forgets, low, span, dt), fundamental_hz(u, dt)
     return _DriveLines(spectrum, minor, products, first, _everywhere(spectrum, first, u.size * dt))
 
@@ -201,7 +201,7 @@ def _harmonics(grid: Floats, first: float, longest: float) -> Bools:
     """Return where a frequency is a multiple of the drive's: errors of the loop's shape are there,
     locked to the drive."""
     order = np.round(grid / first)
-    return np.abs(grid - order * first) < min((LOBE + 0.5) / longest, 0.45 * first)
+    return np.abs(grid - order * first) < min((LOBE + 0.5) / longest, 0.45 * first)  # 0.5: all
 
 
 def _local_rms(spectrum: Floats) -> Floats:
@@ -229,7 +229,7 @@ def _refine(data: Data, x: Floats, f0: float, step: float) -> float:
     """Return the frequency near f0 whose line has the most power; the grid is finer if a
     recording's stretches are far apart."""
     apart = float(np.ptp(data.t)) * 2.0 * step  # total length relative to that of a stretch
-    count = int(np.clip(2 * round(15 * apart) + 1, 31, MOST_STEPS))
+    count = int(np.clip(2 * round(15 * apart) + 1, 31, MOST_STEPS))  # 20 a bin of the whole
     grid = f0 + np.linspace(-1.5, 1.5, count) * step
     power = [float(np.sum(_line(data, x, f) ** 2)) for f in grid]
     return float(grid[int(np.argmax(power))])

@@ -41,7 +41,7 @@ def fundamental_hz(u: Floats, dt: float) -> float:
     lag = _settled(u, lag)
     # a period need not be a whole number of samples
     most = REPEATS * float(np.std(u)) + 0.5 * rms(np.diff(u))
-    if lag < max(4, low) or _unlike(u, lag) > most:
+    if lag < max(4, low) or _unlike(u, lag) > most:  # samples
         return 0.0
     for parts in range(lag // max(4, 2 * low), 1, -1):  # the best match may be several periods long
         shorter = round(lag / parts)
@@ -50,7 +50,7 @@ def fundamental_hz(u: Floats, dt: float) -> float:
             break
     period = float(lag)
     count = 2
-    while count * period < 0.7 * u.size:
+    while count * period < 0.7 * u.size:  # the rest is enough to compare
         # an error of half a sample becomes one sample for twice the periods
         period = _best(u, round(count * period)) / count
         count *= 2
@@ -63,7 +63,7 @@ def fastest_hz(u: Floats, part: Ints, dt: float) -> float:
     highest = 0.0
     for p in np.unique(part):
         rate = np.diff(u[part == p])
-        if rate.size < 16 or not rate.any():
+        if rate.size < 16 or not rate.any():  # samples: too few bins
             continue
         power = np.cumsum(np.abs(np.fft.rfft(rate * np.hanning(rate.size))) ** 2)
         edge = int(np.searchsorted(power, (1.0 - FASTEST) * power[-1]))

@@ -18,7 +18,7 @@ from dehyst.models.recording import Floats, Recording
 
 PLAYS = 0.5 * np.arange(1, 9) / 9.0  # thresholds, of the range
 LAGS_S = (0.01, 0.1)  # of the filtered drives
-HIDDEN, STEPS, SEED = 16, 400, 1
+HIDDEN, STEPS, SEED = 16, 400, 1  # neurons; training ends after STEPS, converged or not
 PENALTY = 1e-4  # on the squared weights, scikit-learn's default
 
 

@@ -40,6 +40,7 @@ from dehyst.models.model import Model
 from dehyst.models.modelfile import dumps
 from dehyst.models.physics import split_off_one_recording
 
+# numbers of records; those of telemetry are 3 s at the highest rate, for readers that stall
 RINGS = {"telemetry": (TELEMETRY, 65536), "status": (STATUS, 256), "event": (EVENT, 256)}
 COMMAND_RECORDS = 65536
 CATCH_UP = 3  # rounds of reading the samples that arrived while a model was led

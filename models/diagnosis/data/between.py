@@ -18,7 +18,7 @@ from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.signals.joined import Data, Ints
 
 DEGREE = 5
-LEAST = 4 * DEGREE  # samples of the shortest part that is refined
+LEAST = 4 * DEGREE  # samples of the shortest part that is refined: half of them carry a spline
 THIRDS = 3
 """Refinement that is enough to distinguish a smooth path from steps: straight lines then miss a
 ninth of what they missed, and there is room for it at any number of samples."""

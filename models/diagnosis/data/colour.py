@@ -21,19 +21,20 @@ from dehyst.models.signals.joined import Data, Floats, Ints, select_recording
 from dehyst.models.signals.lines import find_lines
 from dehyst.models.signals.periodic import fundamental_hz
 
-LEAST = 64  # differences at a scale, at least, to judge it
-TOWERS = 6.0  # times the usual size, which no difference may reach
+LEAST = 64  # differences at a scale, at least, to judge it: 8 in each group
+TOWERS = 6.0  # times the usual size, which no difference may reach: noise does, once in 5e8
 GROUPS = 8  # of time, in each recording
-EVEN = 0.7  # power in every group over the mean: between this and its inverse
-CHANCE = 4.0  # allowed in addition: times the scatter of independent samples
-SHIFTS = 29  # time shifts of the drive's functions, to estimate what chance explains
-MORE = 1.5  # times the most that chance explains: above, the drive is related to it
-ROWS = 12_000  # used for these
-OCTAVES = 10
-PEAK = 2.5  # times the smallest density of the bands below, which no band's may reach
+EVEN = 0.7  # power in every group over the mean: between this and its inverse; it balances
+# noise of changing strength against effects that come and go
+CHANCE = 4.0  # allowed in addition: times the scatter of independent samples, once in 16 000
+SHIFTS = 29  # time shifts of the drive's functions, of which chance exceeds all once in 30
+MORE = 1.5  # times the most that these explain, a margin: above, the drive is related to it
+ROWS = 12_000  # used for these 30 fits, to save time
+OCTAVES = 10  # bands whose densities are compared, down from the highest frequency
+PEAK = 2.5  # times the smallest density of the bands below: no band reaches it by its scatter
 WAVES = 6.0  # per longest recording: what is slower is drift,
 SLOW = 0.5  # if it holds more than this share of the power beyond the white noise
-REPEATS = 2.0  # density at the harmonics of a periodic drive over that between them
+REPEATS = 2.0  # density at a periodic drive's harmonics over that between: half of it repeats
 
 
 def is_coloured(data: Data, residual: Floats, sigma: float) -> bool:
@@ -68,7 +69,7 @@ def _is_steady(data: Data, residual: Floats) -> bool:
             d = means[:, 1] - means[:, 0]
             means = means.mean(axis=1)
             whole = float(np.mean(d**2))
-            usual = 1.4826 * float(np.median(np.abs(d)))
+            usual = 1.4826 * float(np.median(np.abs(d)))  # std of normal noise
             if usual > 0.0 and float(np.abs(d).max()) > TOWERS * usual:
                 return False
             for piece in np.array_split(d**2, GROUPS):
@@ -96,14 +97,14 @@ def _is_driven(data: Data, residual: Floats) -> bool:
         z = z - z.mean(axis=0)
         size = np.sqrt(np.mean(z**2, axis=0))
         z = z[:, size > 0] / size[size > 0]
-        gram = z.T @ z + 1e-6 * z.shape[0] * np.eye(z.shape[1])
+        gram = z.T @ z + 1e-6 * z.shape[0] * np.eye(z.shape[1])  # of the power: some are alike
         moment = z.T @ e
         return float(moment @ np.linalg.solve(gram, moment))
 
     sizes = np.array([k.size for k in at])
     still: Ints = np.zeros(sizes.size, dtype=np.int64)
     chance = [
-        explained((sizes * rng.uniform(0.1, 0.9, sizes.size)).astype(np.int64))
+        explained((sizes * rng.uniform(0.1, 0.9, sizes.size)).astype(np.int64))  # far from 0
         for _ in range(SHIFTS)
     ]
     return explained(still) > MORE * max(chance)
@@ -112,7 +113,7 @@ def _is_driven(data: Data, residual: Floats) -> bool:
 def _functions(data: Data) -> Floats:
     """Return (N, k) functions that misfit caused by the drive might resemble."""
     x = 2.0 * (data.u - data.u_min) / data.span - 1.0
-    h = plays(np.array([0.1, 0.5]), x + 1.0, data.forgets) - 1.0
+    h = plays(np.array([0.1, 0.5]), x + 1.0, data.forgets) - 1.0  # narrow, wide: of half the range
     rate = np.diff(x, prepend=x[0]) / data.dt
     rate[data.starts] = 0.0
     turned = np.log(seconds_since_turn(data) + data.period)
@@ -131,14 +132,14 @@ def _repeats(data: Data, residual: Floats) -> bool:
         dt = float(data.dt[here][0])
         first = fundamental_hz(data.u[here], dt)
         e = residual[here]
-        if not first or first * e.size * dt < 8.0:
+        if not first or first * e.size * dt < 8.0:  # periods: no bins lie between
             continue
         power = np.abs(np.fft.rfft((e - e.mean()) * np.hanning(e.size))) ** 2
         order = np.fft.rfftfreq(e.size, dt) / first
         apart = np.abs(order - np.round(order)) * first * e.size * dt  # in bins
-        for k in range(1, 30):
+        for k in range(1, 30):  # harmonics: the strongest are among them
             near = np.abs(order - k) < 0.5
-            there, beside = near & (apart < 1.5), near & (apart > 2.5)
+            there, beside = near & (apart < 1.5), near & (apart > 2.5)  # in, beyond a Hann lobe
             if not (there.any() and beside.any()):
                 break
             on.append(float(np.mean(power[there])))
@@ -154,7 +155,7 @@ def _falls(data: Data, residual: Floats) -> bool:
     density = [
         float(np.mean(power[max(int(a), 2) : int(b)]))
         for a, b in pairwise(edges)
-        if int(b) - max(int(a), 2) >= 8
+        if int(b) - max(int(a), 2) >= 8  # bins: their mean scatters by a third
     ]
     return all(b < PEAK * min(density[:k]) for k, b in enumerate(density) if k)
 

@@ -19,16 +19,16 @@ from dehyst.models.signals.drive_segments import (
 from dehyst.models.signals.joined import Data, Floats, Ints
 from dehyst.models.signals.periodic import fundamental_hz
 
-LOOKED_AT = 4000  # samples of a part that are used to count its turns
+LOOKED_AT = 4000  # samples of a part that are used to count its turns, to save time
 LONG = 0.1  # of the range: a turn counts after a longer move
 PIECES = 50  # of a part, in each of which the drive moves or rests
 STILL = 0.02  # of the range: largest move in a piece at rest; one triangle moves twice as far; of
 # the rms move from sample to sample: largest one at rest
-STILL_FOR = 0.2  # of all pieces, at rest
+STILL_FOR = 0.2  # of all pieces, at rest: long enough for slow effects to show by themselves
 SAME_HZ = 0.01  # largest relative difference of the frequencies of one loop
-SURELY = 4.0  # standard deviations, plus
+SURELY = 4.0  # standard deviations, as one of many steps may be that large by chance, plus
 AGAINST = 0.01  # of the displacement's range: least move against the drive
-SAME_PLACE = 1e-3  # of the drive's range
+SAME_PLACE = 1e-3  # of the drive's range: nearer samples count as one place
 TURNS_OF_A_LOOP = 2.5  # largest number in a period: a loop turns twice
 
 

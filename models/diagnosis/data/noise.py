@@ -69,9 +69,10 @@ def _unrepeated(data: Data) -> float:
     best = np.inf
     for p in np.unique(data.part):
         u, y = data.u[data.part == p], data.y[data.part == p]
-        if u.size < 4 * TUNING.segment:
+        if u.size < 4 * TUNING.segment:  # too short for two periods and a median
             continue
         lag = period_samples(u)
+        # 2e-3: the noise of the drive is smaller; a larger difference is another motion
         if lag == 0 or np.abs(u[lag:] - u[:-lag]).max() > 2e-3 * data.span:
             continue
         # differenced once more, because drift is not noise: four readings, four times the power

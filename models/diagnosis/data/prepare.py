@@ -81,7 +81,7 @@ def lay_on_grid(one: Recording) -> GriddedRecording:
     dt = _period(np.diff(t[raw]), typical_step(t))
     steps = np.maximum(np.round(np.diff(t[raw]) / dt), 1.0)
     near = steps <= TUNING.stall
-    if np.sum(steps[near]) > JITTER * np.sum(np.diff(t[raw])[near]) / dt + 2:
+    if np.sum(steps[near]) > JITTER * np.sum(np.diff(t[raw])[near]) / dt + 2:  # 2: rounding
         steps[near] = 1.0  # the time stamps jitter, the samples do not
     long = steps > TUNING.long_gap
     place = np.r_[0, np.cumsum(np.where(long, 1.0, steps))].astype(np.int64)
@@ -124,7 +124,7 @@ def _period(steps: Floats, typical: float) -> float:
     """Return the sampling period [s]: that of the short steps, where these are of one length; the
     typical step is a mean of one and two periods where every third row is missing. It is not used
     where most of that grid would be empty."""
-    shortest = float(np.quantile(steps, 0.1))
+    shortest = float(np.quantile(steps, 0.1))  # not the least: jitter shortens some
     low, high = ALIKE
     alike = steps[(steps > low * shortest) & (steps < high * shortest)]
     tight = float(np.std(alike)) < TIGHT * shortest
@@ -230,7 +230,7 @@ def _groups(u: Floats) -> Ints:
     out = _cut_evenly(u.size, TUNING.folds * TUNING.time_blocks) % TUNING.folds
     swept = np.maximum.accumulate(u) - np.minimum.accumulate(u)
     head = int(np.searchsorted(swept, FIRST_WAY * float(swept[-1])))
-    out[: min(head, u.size // 4)] = -1
+    out[: min(head, u.size // 4)] = -1  # at most a quarter: the rest must be predicted
     return out
 
 

@@ -75,7 +75,7 @@ def survey(
             f"the reading is quantised in steps of {format_length((step, data.unit))}, coarser "
             "than its noise: smaller effects cannot be detected"
         )
-    if whole > 1.2 * sigma:
+    if whole > 1.2 * sigma:  # 44 % more power than the white part alone
         said.append(
             f"the noise is coloured: {format_length((whole, data.unit))} rms in all, of which "
             f"{format_length((sigma, data.unit))} from sample to sample"
@@ -162,7 +162,7 @@ def has_no_loop(data: Data, sigma: float) -> bool:
     """Return whether a function of the drive, and an offset for each recording, explain all but the
     noise."""
     k = np.flatnonzero(data.rows)
-    k = k[:: max(1, k.size // 50_000)]
+    k = k[:: max(1, k.size // 50_000)]  # rows, to save time: a curve of few terms needs no more
     u, y = data.u[k], data.y[k]
     reach = float(np.ptp(y)) if k.size else 0.0
     if sigma > TOO_NOISY * reach or not np.ptp(u):

@@ -19,7 +19,7 @@ from dehyst.models.signals.error_size import Z95, rms
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 from dehyst.models.signals.lines import is_drive_line
 
-STRETCHES = 24  # of each recording
+STRETCHES = 24  # of each recording: its 4 % is the resolution in time
 LEAST = 128  # samples of a stretch, at least
 TOWERS = 6.0  # times the median of its neighbours, for a line in a stretch
 ABSENT = 0.35  # of the largest amplitude: below, the line is absent
@@ -98,8 +98,8 @@ def _report(data: Data, lines: Sequence[_Line]) -> Finding:
         del where["to_s"]
     most = max(lines, key=lambda one: one.power)
     f, size = most.frequency, float(np.sqrt(2.0 * np.mean(most.removed[most.here] ** 2)))
-    half = max(Z95 * float(np.std(most.sizes)), 0.1 * size)
-    sure = 0.5 / max(float(np.ptp(data.t[most.here])), 1e-9)
+    half = max(Z95 * float(np.std(most.sizes)), 0.1 * size)  # few sizes may agree by chance
+    sure = 0.5 / max(float(np.ptp(data.t[most.here])), 1e-9)  # Hz: half a bin
     return Finding(
         **line_for_a_time(f, format_length((size, data.unit)), every),
         share=sum(one.power for one in lines) / max(int(data.rows.sum()), 1),
@@ -156,7 +156,7 @@ def _stretches_of(data: Data, residual: Floats, i: int) -> _Stretches | None:
     amplitude = np.abs(np.fft.rfft((e - e.mean(axis=1, keepdims=True)) * window)) / (each / 4)
     driven = np.abs(np.fft.rfft((u - u.mean(axis=1, keepdims=True)) * window)) / (each / 4)
     towers = (amplitude > TOWERS * _floor(amplitude)) & (driven < TOWERS * _floor(driven) + 1e-9)
-    towers[:, :4] = False
+    towers[:, :4] = False  # bins: what is slower in a stretch is drift
     return _Stretches(at, each, 1.0 / (each * float(data.dt[at[0]])), amplitude, towers)
 
 
@@ -176,13 +176,13 @@ def _lines_of(data: Data, residual: Floats, i: int) -> list[_Line]:
         if towers[runs, k].any():
             out.append((float(np.sum(a[runs] ** 2)), k, runs))
     lines = []
-    for _, k, runs in sorted(out, key=lambda one: -one[0])[:3]:
+    for _, k, runs in sorted(out, key=lambda one: -one[0])[:3]:  # the strongest
         ends = runs[-1] == STRETCHES - 1  # the last one lacks the division's rest
         first, last = at[runs[0] * each], at[-1 if ends else (runs[-1] + 1) * each - 1]
         here = (data.rec == i) & (data.t >= data.t[first]) & (data.t <= data.t[last])
         peak = int(k - 1 + np.argmax(np.sum(amplitude[runs, k - 1 : k + 2] ** 2, axis=0)))
         f, removed = _fit_line(data, residual, here, peak * cut.bin_hz)
-        inner = runs[1:-1] if runs.size > 3 else runs
+        inner = runs[1:-1] if runs.size > 3 else runs  # the line may begin or end in others
         sizes = amplitude[inner, k - 1 : k + 2].max(axis=1).tolist()
         lines.append(_Line(i, f, sizes, here, removed))
     return lines
@@ -211,6 +211,7 @@ def _is_alone(data: Data, residual: Floats, sigma: float, line: _Line) -> bool:
     """Return whether the line holds most of the power near its frequency while it is present, and
     there is little at other times: a component that wanders, or rings now and then, is no line."""
     here = line.here
+    # 200 noise variances: the best of 1e5 lines in white noise holds about 25
     if float(np.sum(line.removed[here] ** 2)) < (5.0 * sigma) ** 2 * 8:
         return False
     whole = data.rec == line.recording
@@ -242,7 +243,7 @@ def describe_residual_change(
     whole = float(np.sum(residual[data.rows] ** 2)) - sigma**2 * int(data.rows.sum())
     for i, name in enumerate(data.names):
         at = np.flatnonzero((data.rec == i) & data.rows)
-        if at.size < 10 * STRETCHES:
+        if at.size < 10 * STRETCHES:  # rows: too few to find a time
             continue
         e, t = residual[at], data.t[at]
         step, jump, gain = _best_step(e)
@@ -255,13 +256,14 @@ def describe_residual_change(
         step, _, _ = _best_step(e**2)
         before, after = (float(np.mean(x**2)) - sigma**2 for x in (e[:step], e[step:]))
         share = max(after * (e.size - step), before * step) / max(whole, 1e-300)
+        # 0.05 of the noise power: its estimate is no surer, and the ratio stays finite
         low, high = sorted((max(before, 0.05 * sigma**2), max(after, 0.05 * sigma**2)))
-        inside = 0.05 * e.size < step < 0.95 * e.size
+        inside = 0.05 * e.size < step < 0.95 * e.size  # at an end, few rows decide
         if inside and share > CHANGE and high > CHANGES_BY * low:
             when = "from" if after > before else "until"
             text = f"it is present {when} {t[step]:.3g} s of {name}"
             places: dict[str, float | str] = {"recording": name, f"{when}_s": float(t[step])}
-            spans.append((0.5 * whole * share, text, places))
+            spans.append((0.5 * whole * share, text, places))  # a shift of the level says more
     if not spans:
         return "", {}
     return max(spans, key=lambda one: one[0])[1:]
@@ -273,7 +275,7 @@ def _best_step(x: Floats) -> tuple[int, float, float]:
     c = np.cumsum(x - x.mean())
     k = np.arange(1, n)
     gain = c[:-1] ** 2 * n / (k * (n - k))
-    edge = max(5, n // 50)
+    edge = max(5, n // 50)  # rows: at an end, few of them look like a step
     gain[:edge] = gain[-edge:] = 0.0
     at = int(np.argmax(gain)) + 1
     return at, float(x[at:].mean() - x[:at].mean()), float(gain[at - 1])
@@ -296,7 +298,7 @@ def _fit_line(data: Data, residual: Floats, here: Bools, f0: float) -> tuple[flo
     if not counted.any():
         return f0, np.zeros(data.n)
     e = residual[here][counted] - residual[here][counted].mean()
-    width = 1.5 / max(float(np.ptp(t)), 1e-9) * 4
+    width = 1.5 / max(float(np.ptp(t)), 1e-9) * 4  # Hz: 6 bins of its length
     best = (-1.0, f0, np.zeros(t.size))
     for _ in range(2):
         for f in best[1] + np.linspace(-width, width, FREQUENCIES):

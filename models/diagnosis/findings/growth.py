@@ -13,7 +13,7 @@ import numpy as np
 
 from dehyst.models.signals.joined import Data, Floats
 
-STRETCHES = 24  # of each recording
+STRETCHES = 24  # of each recording, each with 4 % of its rows
 LEAST = 0.08  # of the recording's contribution, on either side of the time, at least
 SCATTER = 0.1  # of the contribution's power, by which a second amplitude must improve the fit
 TAKEN = 0.7  # of the scatter between stretches, which two amplitudes must remove
@@ -55,7 +55,7 @@ def growth(data: Data, sigma: float, x: Floats, r: Floats) -> Growth | None:
     found = []
     for i, name in enumerate(data.names):
         at = np.flatnonzero((data.rec == i) & data.rows)
-        if at.size < 10 * STRETCHES:
+        if at.size < 10 * STRETCHES:  # rows: too few to a stretch
             continue
         xx, xr = np.cumsum(x[at] ** 2), np.cumsum(x[at] * r[at])
         total = float(xx[-1])

@@ -162,10 +162,10 @@ def _guess(screen: Screen, c: Candidate, least: float) -> Guess:
     for probe in probes:
         x = contribution_of(screen, c, probe)[:, None]
         sizes.append(rms(screen.projected(x)))
-        if sizes[-1] > 3 * least:
+        if sizes[-1] > 3 * least:  # stronger probes are not needed
             break
     if c.mode == "columns":  # linear in the amplitude
-        if sizes[0] < 1e-12:
+        if sizes[0] < 1e-12:  # rounding: the drive does not excite it
             return Guess(c, None)
         return Guess(c, _amplified(probes[0], least / sizes[0]))
     reached = [k for k, size in enumerate(sizes) if size >= least]

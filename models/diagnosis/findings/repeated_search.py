@@ -97,6 +97,6 @@ class RepeatedSearch:
         n, sigma = state.counted, state.sigma
         if own.fit.sse - self._known.sse > n * (TUNING.trace * sigma) ** 2:
             return True
-        plainest = own.price < 1.5 * TUNING.price * sigma**2  # it has one parameter
+        plainest = own.price < 1.5 * TUNING.price * sigma**2  # it has one parameter, not two
         others = [p.gain for p in ranked if p.candidate.name != own.candidate.name]
         return not plainest and max(others, default=0.0) > TUNING.half * own.gain

@@ -50,7 +50,7 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
             as_well = effect.candidate.name in t.candidate.contains  # whichever is true
             if same or key in taken or key in seen or t.impossible or as_well:
                 continue
-            if t.gain / found.counted < 0.6 * gain:
+            if t.gain / found.counted < 0.6 * gain:  # of it: a refit seldom adds the rest
                 continue
             seen[key] = next(e for e in t.fit.effects if e.candidate.key == key)
     screen, untried = Screen(problem, without), set[str]()
@@ -61,7 +61,7 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
             untried.add(c.key)
     out = []
     for key, other in seen.items():
-        fit = problem.refit([*rest, other], rounds=4, start=without)
+        fit = problem.refit([*rest, other], rounds=4, start=without)  # enough to compare
         loss = (fit.sse - final.sse) / n
         one = effect_of(fit, key)
         amplitudes = fit.amplitudes_of(one)

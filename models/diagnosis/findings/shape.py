@@ -21,6 +21,7 @@ from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.screen import Screen, contribution_of
+from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import PHYSICS, list_candidates
 from dehyst.models.physics.candidate import format_length
 from dehyst.models.signals.error_size import rms
@@ -120,7 +121,7 @@ def absorbed_names(problem: Problem, final: JointFit, size: float) -> tuple[str,
         for probe in probes:
             x = contribution_of(screen, c, probe)
             raw = float(np.std(x[problem.data.rows]))
-            if raw >= 0.7 * size or probe is probes[-1]:
+            if raw >= 0.7 * size or probe is probes[-1]:  # the nearest: each is twice the last
                 shown = rms(screen.projected(x[:, None]))
                 best[c.name] = max(best.get(c.name, 0.0), shown / raw if raw > 1e-12 else 0.0)
                 break
@@ -152,7 +153,7 @@ def shape_finding(
         f"{words[0].upper()}{words[1:]}. {CONTAINED}."
     )
     numbers = format_length((float(np.sqrt(correction.numbers)), data.unit))
-    if correction.numbers < sigma**2 + 0.3 * max(correction.gain, 0.0):
+    if correction.numbers < sigma**2 + 0.3 * max(correction.gain, 0.0):  # of it: little is left
         removed = format_length((float(np.sqrt(max(correction.gain, 0.0))), data.unit))
         says = (
             f"The model's parameters differ from this stage's by {removed} rms: other values in "
@@ -193,7 +194,7 @@ def _correction(problem: Problem, final: JointFit) -> Floats:
         x = np.column_stack([np.ones(data.n), columns])
         x /= np.sqrt(np.maximum(np.mean(x**2, axis=0), 1e-30))
         xr = x[data.rows]
-        gram = xr.T @ xr + 1e-9 * xr.shape[0] * np.eye(xr.shape[1])
+        gram = xr.T @ xr + TUNING.ridge * xr.shape[0] * np.eye(xr.shape[1])
         d = d - x @ np.linalg.solve(gram, xr.T @ d[data.rows])
     return np.where(data.rows, d - d[data.rows].mean(), 0.0)
 
@@ -208,7 +209,7 @@ def _looks(problem: Problem, final: JointFit, d: Floats) -> dict[str, float]:
     x = 2.0 * (y - low) / stroke - 1.0
     level: Floats = np.polynomial.legendre.legvander(x[rows], DEGREE).astype(np.float64)
     smooth = np.convolve(np.diff(y, prepend=y[0]), np.ones(5), "same")
-    moving = np.where(np.abs(smooth) > 1e-9 * stroke, np.sign(smooth), 0.0)
+    moving = np.where(np.abs(smooth) > 1e-9 * stroke, np.sign(smooth), 0.0)  # rounding
     held = np.maximum.accumulate(np.where(moving != 0, np.arange(y.size), 0))
     rising = moving[held][rows]
     branches: Floats = np.hstack([level, level * rising[:, None]]).astype(np.float64)
@@ -228,7 +229,7 @@ def _choose(parts: dict[str, float]) -> str:
     best = "class"
     if parts["branches"] > MOSTLY:
         best = "branches"
-    if parts["presliding"] > max(MOSTLY, parts["branches"] - 0.05):
+    if parts["presliding"] > max(MOSTLY, parts["branches"] - 0.05):  # 0.05: it has fewer terms
         best = "presliding"
     if parts["centre"] > MOSTLY and parts["centre"] > max(parts.values()) - MORE:
         best = "centre"

@@ -162,7 +162,7 @@ def _best_change(screen: Screen, x: Floats, kind: Span) -> _Change:
         return best
     low, high = (float(q) for q in np.quantile(t, (EDGE, 1.0 - EDGE)))
     both = np.column_stack([x, np.ones(data.n)])
-    while high - low > 2.0 * data.period:
+    while high - low > 2.0 * data.period:  # samples show no finer time
         spans = [replace(kind, at_s=at) for at in np.linspace(low, high, TIMES).tolist()]
         inside = np.stack([span.rows(data) for span in spans], axis=1)
         gains, _ = screen.gains_in(both, screen.split_samples(inside))

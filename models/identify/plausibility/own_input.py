@@ -154,7 +154,7 @@ def find_least_loop(rows: int, unknowns: int) -> float:
     A straight line through an ellipse leaves an rms of its width over WIDTH; a fit of this many
     unknowns reduces the power of white noise by a chi-square with as many degrees of freedom.
     """
-    chance = unknowns + 3.0 * np.sqrt(2.0 * unknowns)
+    chance = unknowns + 3.0 * np.sqrt(2.0 * unknowns)  # three standard deviations
     return float(min(1.0, WIDTH * np.sqrt(chance / max(1, rows))))
 
 
@@ -194,7 +194,7 @@ def _require_no_jumps(name: str, u: Floats, y: Floats) -> None:
     with dry friction."""
     known = ~np.isnan(u) & ~np.isnan(y)
     u, y = u[known], y[known]
-    size = float(np.ptp(np.quantile(y, [0.02, 0.98])))
+    size = float(np.ptp(np.quantile(y, [0.02, 0.98])))  # without outliers
     if not size or measure_loop_width(u, y) < REPEATED:
         return
     jumps = find_jumps_at_turns(u, y, TURN) / size
@@ -274,7 +274,7 @@ def measure_loop_width(u: Floats, y: Floats) -> float:
     """Return the largest distance between falling and rising readings at one drive, over the range
     of y; u, y: (N,) without gaps. 0 if y does not repeat: then a drive level has no typical
     reading."""
-    if u.size < 4 * LEVELS or not np.ptp(u) or not np.ptp(y):
+    if u.size < 4 * LEVELS or not np.ptp(u) or not np.ptp(y):  # too few rows to a level
         return 0.0
     level, rises = _levels(u), np.gradient(u) > 0.0
     widths, within = [], []

@@ -89,6 +89,7 @@ def require_one_sense(rows: Sequence[Rows], unit: str) -> None:
     for one in rows:
         known = ~np.isnan(one.u) & ~np.isnan(one.y)
         u, y = one.u[known], one.y[known]
+        # a line that leaves half of the rms explains three quarters of the power
         follows = bool(known.any()) and measure_line(u, y) < 0.5 * float(np.std(y))
         slopes.append(_fit_slope(u, y) if follows else np.nan)
     falls = np.array(slopes) < 0.0
@@ -108,10 +109,10 @@ def _measure_loop(u: Floats, y: Floats) -> float:
     """Return the area that (u, y) encloses, per length of the drive's travel over its range and
     back and per range of y; positive if y lags behind u. Both directions of y count alike."""
     at = np.flatnonzero(~np.isnan(u) & ~np.isnan(y))
-    if at.size < 10:
+    if at.size < 10:  # rows: too few to show a loop
         return 0.0
     v, x = u[at], y[at]
-    low, high = np.quantile(sample(x), [0.01, 0.99])
+    low, high = np.quantile(sample(x), [0.01, 0.99])  # without outliers
     x = np.clip(x, low, high)
     travel = float(np.sum(np.abs(np.diff(v))))
     slope = float(np.cov(sample(v), sample(x))[0, 1]) if at.size <= SAMPLED else 1.0
@@ -125,7 +126,7 @@ def _measure_roughness(x: Floats) -> float:
     """Return the rms of white noise that would change this much from row to row, over the range of
     x; from fourth differences, which leave little of a smooth signal."""
     known = x[~np.isnan(x)][:ROUGHNESS_ROWS]
-    if known.size < 10 or not np.ptp(known):
+    if known.size < 10 or not np.ptp(known):  # too few for a median
         return 0.0
     fourth = np.abs(np.diff(known, 4))
     return float(np.median(fourth) / (0.6745 * np.sqrt(70.0) * np.ptp(known)))

@@ -153,7 +153,7 @@ def test_a_refused_chunk_is_not_reported_as_the_end_of_the_trajectory(gate: Gate
     assert gate.chunk(2, grid(1.0, 0.5)).code == "order"
     assert gate.chunk(1, grid(0.5, 0.5)).ok  # it goes on
     (text,) = said
-    assert text.startswith("a chunk is refused, the trajectory in play goes on: chunk 2")
+    assert text.startswith("a chunk is refused; the trajectory in play continues: chunk 2")
 
 
 def test_a_taken_lease_is_refused_with_what_to_do(gate: Gate) -> None:

@@ -18,7 +18,11 @@ from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.judge import (
     CandidateTrial,
     SearchState,
+    effect_of,
+    fit_with_companion,
+    implausible_with_companion,
     judge,
+    misfit_beyond_noise,
     try_candidate,
     worth_with_companion,
 )
@@ -29,6 +33,7 @@ from dehyst.models.diagnosis.steps import with_sighting
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate, Sighting
+from dehyst.models.physics.earlier_creep import MOST_MOVE
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Data, Floats
 
@@ -271,11 +276,10 @@ def test_creep_of_an_earlier_move_is_likelier_only_where_the_recorded_moves_cree
     data = make()
     rise = 0.6 * (1.0 - np.exp(-data.t / np.array([1.0, 1.6])[data.rec]))
     problem, state = problem_of(replace(data, y=data.y + rise + creeping(data, gain)))
-    everything = list_candidates(data)
     worth = {}
     for key in ("creep-earlier", "drift-trend"):
         trial = try_candidate(problem, SIGMA, state.null, candidate(data, key), (0.9, 0.9))
-        worth[key] = worth_with_companion(state, trial, everything)
+        worth[key] = worth_with_companion(state, trial)
     assert (worth["creep-earlier"] > worth["drift-trend"]) == (gain > 0.0)
 
 
@@ -287,21 +291,36 @@ def test_creep_of_an_earlier_move_is_impossible_where_no_recorded_move_creeps() 
     trial = try_candidate(problem, SIGMA, state.null, candidate(data, "creep-earlier"), (0.9, 0.9))
     drift = try_candidate(problem, SIGMA, state.null, candidate(data, "drift-trend"), (0.9, 0.9))
     assert trial.fit.sse < drift.fit.sse
-    everything = list_candidates(data)
-    assert worth_with_companion(state, trial, everything) == -np.inf
-    assert worth_with_companion(state, drift, everything) > 0.0
+    judged = judge(state, trial, misfit_beyond_noise(problem, state.null, SIGMA))
+    assert judged.impossible
+    assert judged.refused == "no recorded move creeps as that of an earlier one would imply"
+    assert worth_with_companion(state, drift) > 0.0
+
+
+@pytest.mark.parametrize("gain", [0.002, 0.02])
+def test_creep_of_the_recorded_moves_counts_once_it_shows_in_its_own_right(gain: float) -> None:
+    """The earlier move is twice as large as the recorded ones."""
+    data = make()
+    rise = 2.0 * gain * float(np.ptp(data.y)) * np.log10(1.0 + data.t / 0.9)
+    problem, state = problem_of(replace(data, y=data.y + rise + creeping(data, gain)))
+    trial = try_candidate(problem, SIGMA, state.null, candidate(data, "creep-earlier"), (0.9, 0.9))
+    both = fit_with_companion(problem, trial)
+    gain_there, earlier = effect_of(both, "creep").theta[0], effect_of(both, "creep-earlier")
+    implied = np.abs(both.amplitudes_of(earlier)) / gain_there / float(np.ptp(data.y))
+    assert implied.max() < MOST_MOVE
+    assert (implausible_with_companion(state, trial) == "") == (gain > 0.01)
 
 
 @pytest.mark.parametrize(("share", "possible"), [(0.99, True), (1.01, False)])
-def test_an_earlier_move_is_at_most_five_times_one_from_drive_0(
+def test_an_earlier_move_is_at_most_four_times_one_from_drive_0(
     share: float, possible: bool
 ) -> None:
     data = make()
     farthest = float(np.abs(data.u).max()) / float(np.ptp(data.u)) * float(np.ptp(data.y))
-    amplitudes = np.array([-share * 0.05 * 5.0 * max(farthest, float(np.ptp(data.y))), 0.1])
+    amplitudes = np.array([-share * 0.05 * 4.0 * max(farthest, float(np.ptp(data.y))), 0.1])
     creep = candidate(data, "creep-earlier")
-    assert creep.is_possible_with(amplitudes, (0.05, 0.1, 10.0), data) == possible
-    assert not creep.is_possible_with(amplitudes, (), data)
+    assert (creep.implausible_with(amplitudes, (0.05, 0.1, 10.0), data) == "") == possible
+    assert creep.implausible_with(amplitudes, (), data) != ""
 
 
 def test_an_explanation_pays_for_each_of_its_parameters() -> None:
@@ -309,7 +328,7 @@ def test_an_explanation_pays_for_each_of_its_parameters() -> None:
     data = make()
     problem, state = problem_of(data)
     trial = try_candidate(problem, SIGMA, state.null, candidate(data, "drift-trend"), (0.9, 0.9))
-    paid = trial.gain - worth_with_companion(state, trial, list_candidates(data))
+    paid = trial.gain - worth_with_companion(state, trial)
     assert paid == pytest.approx(4 * 8.00637 * SIGMA**2, rel=1e-5)
 
 

@@ -211,8 +211,8 @@ CHANGES = [
         Change(
             "company-forgotten",
             JUDGE,
-            "if companion and companion not in fit.effect_keys:",
-            "if companion in fit.effect_keys:",
+            "if not companion or companion in fit.effect_keys:",
+            "if not companion or companion not in fit.effect_keys:",
             "creep that began before the recording is reported as a warm-up",
         ),
         Change(
@@ -225,14 +225,21 @@ CHANGES = [
         Change(
             "earlier-creep-beside-any",
             JUDGE,
-            "if not trial.candidate.is_possible_with(amplitudes, found, problem.data):",
-            "if False:",
+            '    if not companion:\n        return ""\n    fit, seen',
+            '    if companion:\n        return ""\n    fit, seen',
             "a warm-up is creep of an earlier move, though no recorded move creeps",
+        ),
+        Change(
+            "unseen-company-counts",
+            JUDGE,
+            "trial.fit.sse - fit.sse > seen",
+            "trial.fit.sse > fit.sse",
+            "creep below the noise in the recorded moves makes that of an earlier one possible",
         ),
         Change(
             "earlier-move-of-any-size",
             "models/physics/earlier_creep.py",
-            "MOST_MOVE = 5.0",
+            "MOST_MOVE = 4.0",
             "MOST_MOVE = 50.0",
             "creep is attributed to an earlier move that no stage can have made",
         ),

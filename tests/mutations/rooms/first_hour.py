@@ -216,7 +216,7 @@ CHANGES = [
         Change(
             "a-chunk-is-all",
             "daemon/gateway/admission.py",
-            "a chunk is refused, the trajectory in play goes on: {refused}",
+            "a chunk is refused; the trajectory in play continues: {refused}",
             "the trajectory in play is refused: {refused}",
             "a refused chunk is reported as the end of a trajectory that goes on",
         ),
