@@ -13,7 +13,11 @@ from dehyst.models import modelfile
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis
 from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.diagnosis.diagnosed_model import THRESHOLDS, fit_plain_model
+from dehyst.models.diagnosis.diagnosed_model import (
+    THRESHOLDS,
+    fit_plain_model,
+    identify_plain_model,
+)
 from dehyst.models.errors import BadInput
 from dehyst.models.identify import Options, identify
 from dehyst.models.model import Block, Hysteresis, Model, Validity
@@ -170,3 +174,20 @@ def test_two_levels_give_no_loop_to_a_play_that_they_do_not_show() -> None:
     y = simulate(model, DT, np.concatenate([way, way[::-1]]))
     assert np.all(np.diff(y[:200]) > 0.0)
     assert np.abs(y[:200] - np.interp(way, [0.0, 8.0], y[[0, 199]])).max() < 0.1 * np.ptp(y)
+
+
+def test_the_model_of_a_long_recording_is_identified_from_60_000_rows() -> None:
+    """Four stretches of 15 000 rows: what lies between two of them has no influence."""
+    n = 70_000
+    t, rng = np.arange(n) * DT, np.random.default_rng(4)
+    u = 5.0 + 4.6 * np.sin(2 * np.pi * 0.9 * t) * np.cos(2 * np.pi * 0.11 * t)
+    y = plain(u) + NOISE_UM * rng.standard_normal(n)
+    found = []
+    for moved_um, at in ((0.0, slice(0, 0)), (3.0, slice(15_100, 18_300)), (3.0, slice(0, 3_200))):
+        moved = y.copy()
+        moved[at] += moved_um * np.sin(t[at])
+        one = Recording(t, u, moved, name="long.csv")
+        found.append(identify_plain_model([one], prepare([one])).model.hysteresis)
+    whole, between, within = (np.concatenate([h.r, h.b, h.c]) for h in found)
+    np.testing.assert_array_equal(between, whole)
+    assert not np.array_equal(within, whole)

@@ -376,6 +376,16 @@ CHANGES = [
                 "tests/models/diagnosis/test_diagnosed_model.py::test_two_levels_give_no_loop_to_a_play_that_they_do_not_show",
             ),
         ),
+        Change(
+            "model-from-all-rows",
+            "models/diagnosis/diagnosed_model.py",
+            "take_stretches(one, TUNING.most_rows).recording",
+            "one",
+            "the diagnosis of two million rows takes half a minute longer",
+            tests=(
+                "tests/models/diagnosis/test_diagnosed_model.py::test_the_model_of_a_long_recording_is_identified_from_60_000_rows",
+            ),
+        ),
     ),
     *room(
         ("tests/models/diagnosis/test_names.py",),
