@@ -93,12 +93,15 @@ class Validity:
     slowest_s: float | None = None
 
 
+MOSTLY_NOISE = 0.75  # of the power: intervals then held for 9 of 10 other waveforms, else for 5
+
+
 @dataclass(frozen=True)
 class Fit:
     """Errors of the fit, rms in displacement units; band: half the width of the interval that
-    contains 95 % of the displacements predicted for other drives in the range; steady_rms: the
-    larger of the first two without the drift of the recording, None: it does not drift. None: not
-    measured."""
+    contains 95 % of the displacements predicted for other drives in the range, None: the recordings
+    do not determine it; steady_rms: the larger of the first two without the drift of the recording,
+    None: it does not drift. None: not measured."""
 
     rms: float | None = None
     holdout_rms: float | None = None
@@ -112,6 +115,13 @@ class Fit:
         if self.steady_rms is not None:
             return self.steady_rms
         return max((x for x in (self.holdout_rms, self.rms) if x is not None), default=None)
+
+    @property
+    def leaves_mostly_noise(self) -> bool:
+        """Whether the claimed error is mostly noise. What a model leaves out causes half to three
+        times as much error with another waveform, which no recording of one waveform shows."""
+        claim, noise = self.claim, self.noise_rms
+        return claim is not None and noise is not None and MOSTLY_NOISE * claim**2 <= noise**2
 
 
 @dataclass(frozen=True)

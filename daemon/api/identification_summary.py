@@ -8,7 +8,7 @@ from dehyst.daemon.report.choice import explain_choice
 from dehyst.daemon.report.verdict import verdict
 from dehyst.models.drive_design.coverage import Coverage
 from dehyst.models.identify import Identification, describe
-from dehyst.models.model import Block
+from dehyst.models.model import Block, Fit
 from dehyst.models.physics import KINDS
 from dehyst.models.signals.error_size import Z95
 from dehyst.models.units import how_many, spell_size, spell_unit
@@ -132,14 +132,20 @@ def _interval(value: float, error: float, on_bound: bool = False) -> dict[str, A
     return {"value": value, "low": low, "high": high}
 
 
-def _interval_words(band: float | None, unit: str) -> str:
-    if band is None:
+def _interval_words(fit: Fit, unit: str) -> str:
+    if fit.band is None and fit.holdout_rms and not fit.leaves_mostly_noise:
+        return (
+            "no 95 % prediction interval for other drives: the error on left-out stretches, "
+            f"{fit.holdout_rms:.4g} {unit} rms, is not mostly noise; another waveform may cause "
+            "half to three times as much, and dehyst diagnose names what the model leaves out"
+        )
+    if fit.band is None:
         return (
             "this recording does not determine a prediction interval for other drives: drive "
             "loops of several sizes at several rates (dehyst excite designs such a drive)"
         )
     return (
-        f"95 % prediction interval for other drives in this range: +-{band:.4g} {unit}, not "
+        f"95 % prediction interval for other drives in this range: +-{fit.band:.4g} {unit}, not "
         "counting the gauge's noise and a constant offset"
     )
 
@@ -161,7 +167,7 @@ def describe_result(
         f"{output}: {result.shape.name}, {how_many(n, 'operator')}"
         + "".join(f", {block_name(block)}" for block in result.model.blocks),
         f"fit {fit.rms:.4g} {unit} rms, held-out data {fit.holdout_rms:.4g}, noise "
-        f"{fit.noise_rms:.4g}; " + _interval_words(fit.band, unit),
+        f"{fit.noise_rms:.4g}; " + _interval_words(fit, unit),
         verdict(result),
         f"valid from {v.drive_min:.4g} to {v.drive_max:.4g} {drive}"
         + (f", up to {v.rate_max:.4g} {drive}/s" if v.rate_max else "")

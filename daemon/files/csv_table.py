@@ -247,6 +247,8 @@ def _field(name: str, line: int, key: str, field: str) -> float:
     if is_missing(text):
         return float("nan")
     try:
+        if "_" in text:  # Python reads "1_000" as 1000
+            raise ValueError
         value = float(text)
     except ValueError:
         short = text if len(text) <= 20 else text[:20] + "..."

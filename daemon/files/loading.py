@@ -294,7 +294,7 @@ def _understood(path: Path, found: Sheet, reading: ReadOptions, wants: Sequence[
     try:
         read = understand(path.name, found, reading, wants)
     except BadRecording as error:
-        left = [text for text in found.said if "left out" in text]
+        left = [text for text in found.said if "left out" in text or "taken for sep" in text]
         raise BadRecording("; ".join([str(error), *left])) from None
     return Loaded(read.columns, found.notes, read.said, read.seconds, found.where)
 

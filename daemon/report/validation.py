@@ -40,7 +40,7 @@ def say_validation(model: str, v: Validation) -> str:
         + (f"; this band is {v.interval_is}" if v.interval_is else "")
         + f"; start {v.start}"
     )
-    if v.unstated >= LEAST_SHOWN:
+    if v.has_interval and v.unstated >= LEAST_SHOWN:
         text += (
             f"\nnote: {v.unstated:.1%} of the rows have no 95 % band: the drive leaves the model's "
             "validity or is slower than in its recordings; record such a drive"
@@ -68,7 +68,10 @@ def say_validation(model: str, v: Validation) -> str:
 
 
 def say_within(v: Validation) -> str:
-    """Return the share of the rows that the 95 % band and the gauge's noise explain, "" if none."""
+    """Return the share of the rows that the 95 % band and the gauge's noise explain, "" if the band
+    applies to too few."""
+    if not v.has_interval:
+        return "; the model states no 95 % band"
     if v.within is None:
         return ""
     return f"; {v.within:.1%} of the rows within its 95 % band and the noise"

@@ -27,6 +27,7 @@ from dehyst.models.identify.structure import TriedStructure, pays
 from dehyst.models.identify.thresholds import Prior
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import Jackknife
+from dehyst.models.model import Fit
 from dehyst.models.recording import Floats
 from dehyst.models.signals.error_size import Z95
 
@@ -59,6 +60,15 @@ def estimate_band(
     held = Z95**2 * (fitted.scored.held_rms**2 - noise**2)
     unseen = max(0.0, left_out, held) + Z95**2 * by_noise
     return float(np.sqrt(max(unseen, Z95**2 * max(spread, fitted.unreachable) ** 2)))
+
+
+def is_stated(fit: Fit, band: float, stroke: float) -> bool:
+    """Return whether the interval of this half-width is narrow enough to be stated: a small part of
+    the stroke, of a model that leaves mostly noise, and not far beyond that of the noise, as where
+    a drift adds to it. An interval for what a model leaves out holds for every second waveform."""
+    assert fit.noise_rms is not None
+    beyond = band > TUNING.twice * Z95 * fit.noise_rms
+    return fit.leaves_mostly_noise and not beyond and band <= TUNING.quarter * stroke
 
 
 def is_rival(best: TriedStructure, other: TriedStructure) -> bool:

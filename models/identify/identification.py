@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from dehyst.models.cascade.figures import describe
 from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
-from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
+from dehyst.models.identify.band import estimate_band, is_rival, is_stated, measure_spread
 from dehyst.models.identify.choice import (
     count_picked,
     fit_chosen,
@@ -272,6 +272,7 @@ def _result(
         row = np.arange(own.size)
         own = own - np.polyval(np.polyfit(row, own, 1), row)
         steady = rms(own) * max(1.0, fitted.scored.held_rms / fitted.scored.fitted_rms)
+    fit = Fit(left, fitted.held_rms(left), noise, steady_rms=steady)
     band = estimate_band(setup, fitted, found.offset, jackknife, (spread, noise))
     model = setup.model(fitted.r, fitted.shape, found.params, found.offset, found.lag)
     rates = setup.rates(fitted.r) if fitted.shape.rate else 0.0
@@ -283,20 +284,14 @@ def _result(
             "--static --saturation 1"
         )
     validity = _find_validity(setup)
-    most = TUNING.quarter * describe(replace(model, validity=validity)).stroke
-    shown = band <= most and not has_one_size(found.drives)
+    stroke = describe(replace(model, validity=validity)).stroke
+    shown = is_stated(fit, band, stroke) and not has_one_size(found.drives)
     model = replace(
         model,
         validity=validity,
         drive_unit=recordings[0].drive_unit,
         displacement_unit=recordings[0].displacement_unit,
-        fit=Fit(
-            left,
-            fitted.held_rms(left),
-            noise,
-            band if shown else None,
-            steady,
-        ),
+        fit=replace(fit, band=band if shown else None),
         provenance=Provenance(
             source="dehyst identify",
             recordings=tuple((one.name, one.sha256) for one in recordings),

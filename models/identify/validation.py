@@ -54,7 +54,7 @@ class Validation:
     claim, which is no error of the model; coarse: the reading is rounded to steps wider than the
     band, so that no row shows whether the band is too wide; repeats: number of rows that repeat the
     reading of the row before, and stuck: at which the gauge is stuck or at its limit, which are not
-    judged.
+    judged; has_interval: whether the model states one; if not, unstated is 1.
     """
 
     name: str
@@ -77,6 +77,7 @@ class Validation:
     coarse: bool = False
     repeats: int = 0
     stuck: int = 0
+    has_interval: bool = True
 
     @property
     def share(self) -> float:
@@ -159,6 +160,7 @@ def validate(model: Model, recording: Recording) -> Validation:
     outside = _find_outside(model, u, t)
     stated = ~(outside | _find_slower(model, u, t)) & ~np.isnan(error)
     share = float(np.count_nonzero(stated)) / float(np.count_nonzero(~np.isnan(error)))
+    share = 0.0 if fit.band is None else share
     if fit.band is not None and share >= LEAST_STATED and np.isfinite(noise):
         reach = np.hypot(fit.band, Z95 * noise)
         judged = error[stated]
@@ -179,6 +181,7 @@ def validate(model: Model, recording: Recording) -> Validation:
         chance=Z95 / max(1.0, float(np.count_nonzero(~np.isnan(error)))) ** 0.5,
         outside=float(np.mean(outside)),
         unstated=1.0 - share,
+        has_interval=fit.band is not None,
         within=within,
         late=int(np.count_nonzero(late)),
         noisier=_find_noisier(error, noise, fit.noise_rms if fit.noise_rms is not None else claim),

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from dehyst.daemon.files.foreign.fields import marks_in
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import NAMES, kind_of, role_of
@@ -27,8 +28,8 @@ def refuse_blank(
         if blank and role not in reading.columns:
             text = found.blank[blank[0]][:20]
             why = (
-                f"(the first field is '{text}'): write each field as a number alone, "
-                "all in one unit and with one decimal mark"
+                f"(the first field is '{text}'{marks_in(text)}): write each field as a number "
+                "alone, all in one unit and with one decimal mark"
                 if text
                 else ": if its fields are formulas, open the file in the spreadsheet program and "
                 "save it there with their values"

@@ -13,7 +13,11 @@ from dehyst.daemon.files.foreign.fields import number_of
 from dehyst.daemon.files.foreign.found import Column, Draft, Sheet
 from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import role_of_column, unit_of_column
-from dehyst.daemon.files.foreign.stated_step import SAME_STEP, SURELY_SECONDS
+from dehyst.daemon.files.foreign.stated_step import (
+    SAME_STEP,
+    SURELY_SECONDS,
+    on_stated_step,
+)
 from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
 from dehyst.models.arrays import Ints
 from dehyst.models.recording import Floats
@@ -34,6 +38,8 @@ _PACE = re.compile(
 """A name that may be that of a sampling period, the group, or of a rate."""
 WRITTEN_APART = 0.4
 """Blank lines per line of numbers; more of them only separate the lines."""
+REPEATED = 0.1
+"""Share of times that are the same as the ones before them, if they are rounded."""
 UNSET_S = 1.0
 """Period [s] of a waveform of LabVIEW for which none was set."""
 
@@ -109,19 +115,36 @@ def count_time(
 def number_rows(size: int, found: Sheet) -> Ints:
     """Return the numbers of the rows (size,), with rows of empty fields between them counted, whose
     samples are missing."""
-    rows = np.arange(size)
     if 0 < found.blank_lines <= WRITTEN_APART * size:
         found.said.append(
             f"{how_many(found.blank_lines, 'blank line is', 'blank lines are')} between the "
             "numbers, and not counted in the times"
         )
-    if not found.empty:
-        return rows
-    found.said.append(
-        f"{how_many(len(found.empty), 'row')} of empty fields counted in the times, the first "
-        f"after {found.where(found.empty[0] - 1)}"
-    )
+    if found.empty:
+        found.said.append(
+            f"{how_many(len(found.empty), 'row')} of empty fields counted in the times, the first "
+            f"after {found.where(found.empty[0] - 1)}"
+        )
+    return _counting_empty(size, found)
+
+
+def _counting_empty(size: int, found: Sheet) -> Ints:
+    rows = np.arange(size)
     return rows + np.searchsorted(found.empty, rows, side="right")
+
+
+def count_rounded(found: Sheet, unit: float, draft: Draft) -> None:
+    """Count times that have too few digits for their steps from the period that the file states, if
+    they are those of that period, and say so. unit: of the numbers in the file [s]."""
+    times = draft.columns["t_s"]
+    rows = _counting_empty(times.size, found)
+    if found.step_s > 0.0 and not found.of_some:
+        draft.columns["t_s"], digit = on_stated_step(times, rows, found.step_s, unit)
+        if digit:
+            found.said.append(
+                f"the times are rounded to {digit:.2g} s: counted from the period that the file "
+                f"states, {found.step_s:.6g} s a row"
+            )
 
 
 def note_contradictions(
@@ -209,11 +232,12 @@ def _seconds_in(column: Column) -> float:
 
 
 def _paces(times: Floats) -> tuple[float, float]:
-    """Return the usual and the mean step of (N,) times, which differ where times are rounded or
-    pause; zeros if there is none."""
+    """Return the usual and the mean step of (N,) times, which differ where times pause; the mean
+    twice where they are rounded so much that they repeat; zeros if there is none."""
     known = times[np.isfinite(times)]
     steps = np.diff(known)
     if not steps.size:
         return 0.0, 0.0
     mean = float(known[-1] - known[0]) / steps.size
-    return float(np.median(steps)) or mean, mean
+    repeated = float(np.mean(steps == 0.0)) > REPEATED
+    return mean if repeated else float(np.median(steps)) or mean, mean

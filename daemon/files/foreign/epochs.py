@@ -21,6 +21,8 @@ _BY_NAME = {**_THIS_CENTURY, "ms": (10**12, 41 * 10**11), "s": (10**9, 41 * 10**
 SHARE_RISING = 0.9
 EVEN = 0.5
 """Largest spread of the steps of evenly rising values, in mean steps: clocks are rounded."""
+COUNTED_SHARE = 0.9
+"""Least share of equal steps of a count of the samples, of which some were lost."""
 TURNS_S = (3600.0, 43200.0, 86400.0)
 """Times at which a clock without a date starts again [s]: Excel's minutes, and those of a day."""
 TURNS = (2.0**16, 2.0**24, 2.0**31, 2.0**32)
@@ -169,6 +171,17 @@ def counts_up(values: Any) -> bool:
     """Return whether values (N,) are row numbers."""
     values = np.asarray(values, dtype=np.float64)
     return bool(np.all(np.diff(values) == 1.0)) and float(values[0]).is_integer()
+
+
+def counts_samples(values: Any) -> bool:
+    """Return whether values (N,) only count the samples: whole numbers that step by the same
+    amount, except where some were lost or the counter began again."""
+    values = np.asarray(values, dtype=np.float64)
+    steps = np.diff(values)
+    if steps.size < 2 or not np.array_equal(values, np.round(values)):
+        return False
+    usual = float(np.median(steps))
+    return usual != 0.0 and float(np.mean(steps == usual)) >= COUNTED_SHARE
 
 
 def apart_as_times(times: Sequence[Any]) -> str:

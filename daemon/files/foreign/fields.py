@@ -47,6 +47,7 @@ _UNMARKED = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:[.,]\d+)?.*)")
 _ZONE_APART = re.compile(r"(:\d\d(?:[.,]\d+)?) +(?:([-+]\d\d:?\d\d)|[A-Z]{3,5})(?!\w)")
 """A time zone after the time: its offset from UTC, or its name, which is the same in all rows."""
 _CJK_DATE = re.compile(r"(\d{4})年(\d{1,2})月(\d{1,2})日\s*(.*)")
+_SEVERAL_MARKS = re.compile(r"[+-]?\d+([.,])\d+(?:\1\d+)+")
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 
 
@@ -87,6 +88,19 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
     if text.lower() in ("inf", "+inf", "-inf", "infinity", "-infinity"):
         return float(text)
     return moment_of(text)
+
+
+def marks_in(cell: Any) -> str:
+    """Return what a field that is no number may be: one with several decimal marks ("23.42.12"), a
+    hexadecimal one, one with underscores; "" for another one."""
+    text = str(cell).strip()
+    if re.fullmatch(r"[+-]?(0x[\da-f]+|[\da-f]*\d[a-f][\da-f]*)", text, re.IGNORECASE):
+        return "; it may be hexadecimal, and is to be written in decimal digits"
+    found = _SEVERAL_MARKS.fullmatch(text)
+    if found is None:
+        return "; leave out its underscores" if re.fullmatch(r"[+-]?\d+(_\d+)+.*", text) else ""
+    marks = "points" if found[1] == "." else "commas"
+    return f"; its {marks} may set numbers, thousands or the parts of a date apart"
 
 
 def moment_of(text: str) -> float | None:

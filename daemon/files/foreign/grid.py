@@ -14,12 +14,13 @@ from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS
 from dehyst.daemon.files.foreign.affixes import unit_behind
 from dehyst.daemon.files.foreign.beside import UNIT_FIELDS, factor_in_words
 from dehyst.daemon.files.foreign.epochs import count_from_first, epoch_unit, is_rising
-from dehyst.daemon.files.foreign.fields import moment_of, number_of
+from dehyst.daemon.files.foreign.fields import marks_in, moment_of, number_of
 from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.headings import (
     AT_THE_RIGHT,
     Numbers,
     Row,
+    add_units,
     apart,
     find_names,
     gcs_header,
@@ -114,6 +115,7 @@ def lay_out(
         keep_note(notes, row, f"line {i + 1}")
     names, step_s = gcs_header(above, width)
     found.headings[: len(names)] = names
+    add_units(found, [row for _, row in left])
     step_s = step_s or found.step_s
     stated = [step for cells in _with_their_units(left) if (step := stated_step(cells, decimal))]
     if stated and max(stated) <= (1.0 + SAME_STEP) * min(stated):  # otherwise they contradict
@@ -307,8 +309,9 @@ def fill(
 def _no_number(name: str, layout: GridLayout, j: int, place: str, cell: Any) -> BadRecording:
     what = layout.headings[j] or f"column {j}"
     return BadRecording(
-        f"{name}: {place}: {what} is {str(cell)[:20]!r}, not a number: empty the field where a "
-        "value is missing, or delete the line if it is not part of the recording, such as a sum"
+        f"{name}: {place}: {what} is {str(cell)[:20]!r}, not a number{marks_in(cell)}: empty "
+        "the field where a value is missing, or delete the line if it is not part of the "
+        "recording, such as a sum"
     )
 
 
@@ -321,7 +324,8 @@ def sheet_of(
 ) -> Sheet:
     """Return columns (number -> values) as a sheet, without those in which no number was found."""
     for j in range(layout.width):
-        layout.numeric[j] &= j in columns and not bool(layout.late[j] and _is_empty(columns[j]))
+        none = layout.late[j] and j in columns and bool(np.all(np.isnan(columns[j])))
+        layout.numeric[j] &= j in columns and not none
     notes = dict(layout.notes)
     for key, text in layout.remarks.items():
         notes[f"{key} (again)" if key in notes else key] = text
@@ -344,10 +348,6 @@ def sheet_of(
     }
     note_form(found, layout, texts)
     return found
-
-
-def _is_empty(values: Any) -> bool:
-    return bool(np.all(np.isnan(values)))
 
 
 def note_text(name: str, layout: GridLayout, row: Row, place: str) -> None:

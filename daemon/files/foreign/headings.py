@@ -25,6 +25,11 @@ _ANNOUNCED = re.compile(
     re.IGNORECASE,
 )
 """What announces names or units in a comment: "# columns: t, u, y"."""
+_OF_COLUMNS = re.compile(r"(?:units?|einheit(?:en)?)(?:[ _]?labels?)?", re.IGNORECASE)
+"""The label of a line of units in a preamble. An oscilloscope's "Vertical Units" may be those of
+its screen."""
+_OF_ECSV = re.compile(r"\{name: ([^,{}]+?),? (?:.*[ ,])?unit: ([^,{} ]+)")
+"""A column in the header that astropy writes: "- {name: drive, unit: mV, datatype: float64}"."""
 AT_THE_RIGHT = {
     "", "comment", "comments", "note", "notes", "remark", "remarks", "kommentar", "bemerkung",
     "start", "increment", "marker",
@@ -144,6 +149,8 @@ def _completed(header: list[str], above: Sequence[str], width: int) -> list[str]
 def _without_label(cells: list[str]) -> list[str]:
     """Return the fields of a line without the label that each repeats ("Unit: mV", "Unit: nm"), or
     that announces them ("columns: t", "u")."""
+    if len(cells) == 1 and _OF_COLUMNS.fullmatch(re.split(r"\s*[:=]", cells[0])[0]):
+        return []  # "Unit: nm", which is that of no column
     labels = {cell.partition(": ")[0] if ": " in cell else "" for cell in cells if cell}
     label = labels.pop() if len(labels) == 1 < len(cells) else ""
     if label:
@@ -160,6 +167,51 @@ def _near_or_labelled(rows: Sequence[tuple[int, Row]], numbers: Numbers) -> list
 
 def _is_labelled(row: Row) -> bool:
     return next(iter(texts_of(_unmarked(row))), "").lower() in _LABELS
+
+
+def add_units(found: Named, lines: Sequence[Row]) -> None:
+    """Add the units that lines of a preamble state for the columns to those of a line of units;
+    where two differ, both are kept, and asked for. lines: those that hold no names."""
+    for row in lines:
+        cells = texts_of(row)
+        if own := _OF_ECSV.search(" ".join(cells)):
+            cells = [f"{own[1]} unit", own[2]]
+        label, mark, rest = next(iter(cells), "").replace("=", ":").partition(":")
+        if mark and rest.strip():  # "Units: s, V, um"
+            cells = [label, *re.split(r"\s*[,;]\s*", rest.strip()), *cells[1:]]
+        if len(cells) < 2 or not all(map(find_unit_key, cells[1:])):
+            continue
+        stated = _columns_of_units(label.strip(), cells[1:], found.headings)
+        for j, unit in stated.items():
+            key, there = find_unit_key(unit), found.units[j]
+            if find_unit_key(there) != key and split_heading(found.headings[j])[1] != key:
+                found.units[j] = f"{there} and {unit}" if there else unit
+
+
+def _columns_of_units(label: str, units: Sequence[str], headings: Sequence[str]) -> dict[int, str]:
+    """Return the unit of each column that a line states: one for each column, one for each but the
+    times, or one for the column that the label names ("CH1 unit")."""
+    if not _OF_COLUMNS.fullmatch(label):
+        named = _plain(re.sub(r"(?<![^\W_])units?(?![^\W_])", "", label, flags=re.IGNORECASE))
+        own = [
+            j
+            for j, text in enumerate(headings)
+            if named and _plain(split_heading(text)[0]) == named
+        ]
+        one = len(own) == len(units) == 1 and named != _plain(label)
+        return {own[0]: units[0]} if one else {}
+    times = [j for j, text in enumerate(headings) if role_of(text, "")[0] == "t"]
+    others = [j for j in range(len(headings)) if j not in times]
+    if len(units) == len(headings):
+        return dict(enumerate(units))
+    several = len(units) > 1  # not the unit of the line above it
+    fit = len(times) == 1 and len(units) == len(others) and several
+    return dict(zip(others, units, strict=True)) if fit else {}
+
+
+def _plain(name: str) -> str:
+    """Return a name by which a channel is recognized: "ch1" for "Channel 1" and "CH1"."""
+    return re.sub(r"[\W_]", "", name.lower().replace("channel", "ch"))
 
 
 def gcs_header(rows: Sequence[tuple[int, Row]], width: int) -> tuple[list[str], float]:

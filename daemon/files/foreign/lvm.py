@@ -8,10 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from dehyst.daemon.files.foreign.counted import number_rows
+from dehyst.daemon.files.foreign.counted import UNSET_S, number_rows
 from dehyst.daemon.files.foreign.fields import number_of
 from dehyst.daemon.files.foreign.found import Column, Sheet
-from dehyst.daemon.files.foreign.units import read_heading
+from dehyst.daemon.files.foreign.units import find_unit_key, read_heading
 from dehyst.models.errors import BadRecording
 
 END = "***End_of_Header***"
@@ -77,7 +77,8 @@ def _numbers(header: Header, key: str) -> list[float | None]:
 
 def _add_times(part: Sheet, header: Header, x_columns: str) -> None:
     """Put the times that the header states in front of the columns, where none are written, or give
-    each channel its own, where they differ."""
+    each channel its own, where they differ. Where times are written, keep the period, which may
+    have more digits than they have."""
     begins, steps = _numbers(header, "X0"), _numbers(header, "Delta_X")
     timed = set(header.get("X_Dimension", [])) <= {"Time", ""}
     channels = [c for c in part.columns if not _X_VALUE.fullmatch(c.heading)]
@@ -94,13 +95,16 @@ def _add_times(part: Sheet, header: Header, x_columns: str) -> None:
             part.said = [text for text in part.said if not text.endswith(": 'X_Value'")]
             part.columns.insert(0, Column("X_Value", times, "s", number=0))
     elif timed:
+        if len(set(steps)) == 1 and steps[0] and UNSET_S != steps[0] > 0.0:
+            part.step_s = steps[0]
         for column in part.columns:
             if _X_VALUE.fullmatch(column.heading):
                 column.unit = column.unit or "s"
 
 
 def _add_units(part: Sheet, header: Header) -> None:
-    """Give each channel whose heading states no unit the one in the header."""
+    """Give each channel the unit in the header, unless its heading states the same, or states one
+    and the header none that is known. Words in brackets, "Voltage (DC)", are part of the name."""
     units = header.get("Y_Unit_Label", [])
     channels = [c for c in part.columns if not _X_VALUE.fullmatch(c.heading)]
     of = channels if len(units) == len(channels) else part.columns  # with a field for each time
@@ -112,8 +116,8 @@ def _add_units(part: Sheet, header: Header) -> None:
     else:
         named = []
     for column, unit in named:
-        stated = read_heading(column.heading)
-        column.unit = column.unit or ("" if stated.unit or stated.stated else unit)
+        own, known = read_heading(column.heading).unit, find_unit_key(unit)
+        column.unit = column.unit or ("" if own and known in ("", own) else unit)
 
 
 def _joined(
@@ -145,4 +149,6 @@ def _joined(
         for j, c in enumerate(first.columns)
     ]
     said = [*first.said, *([f"{len(parts)} segments"] if len(parts) > 1 else [])]
-    return Sheet(columns, notes, start_s=first.start_s, said=said, where=where)
+    steps = {part.step_s for part in parts}
+    step_s = steps.pop() if len(steps) == 1 else 0.0
+    return Sheet(columns, notes, step_s, first.start_s, said=said, where=where)

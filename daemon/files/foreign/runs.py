@@ -7,12 +7,27 @@ from dataclasses import dataclass
 from typing import Any
 
 from dehyst.daemon.files.foreign.fields import GROUPED, GROUPED_BY_POINTS, number_of
-from dehyst.daemon.files.foreign.headings import Row, without_mark
+from dehyst.daemon.files.foreign.headings import Row, texts_of, without_mark
+from dehyst.daemon.files.foreign.roles import role_of
+from dehyst.models.errors import BadRecording
 from dehyst.models.units import how_many
 
 NUMBER, MISSING, TEXT = 1, 0, -1
 MOST_BELOW = 60
 """Lines at the end of a file among which sums and notes are looked for."""
+UNEVEN_ROWS = 0.02
+"""Share of the lines above which their number of fields is no mistake in one of them."""
+_WORDS_BELOW = {
+    "comment",
+    "comments",
+    "note",
+    "notes",
+    "remark",
+    "remarks",
+    "kommentar",
+    "bemerkung",
+}
+"""Headings of fields that hold words."""
 _OF_LINE = re.compile(r"slope|intercept|r ?(?:2|²|squared)|steigung|achsenabschnitt", re.I)
 """Words in the first field of lines below the numbers that describe a straight-line fit to them."""
 MOST_NOTES = 200
@@ -237,3 +252,59 @@ def _unclear_point(rows: Sequence[Row], width: int) -> str:
         if grouped and not any(re.fullmatch(r"[+-]?\d{1,3}|[^:]*,.*", cell) for cell in cells):
             return grouped
     return ""
+
+
+def doubt_commas(name: str, rows: Sequence[Row], first: int, headings: Sequence[str]) -> list[str]:
+    """Return a remark on numbers without decimal points and without names, between whose digits
+    commas stand. Raises BadRecording if the commas may be decimal marks as well as separators, as
+    in "23,42,12". first: row of the first numbers; headings: of the columns."""
+    body = [texts_of(row)[: length_of(row)] for row in rows[first:] if length_of(row)]
+    if any("," in cell for cells in body for cell in cells):  # in quotes
+        return []
+    sizes = [len(cells) for cells in body]
+    over_them = rows[first - 1] if first else []
+    above, most = texts_of(over_them)[: length_of(over_them)], max(sizes)
+    over = sum(size > len(above) for size in sizes)
+    named = len(above) > 1 and NUMBER not in kinds_of(above, ".")
+    known = any(role_of(cell, "")[0] for cell in above) or most == 2 * len(above)
+    uneven = [size for size in set(sizes) if sizes.count(size) > UNEVEN_ROWS * len(sizes)]
+    whole = all(re.fullmatch(r"[-+]?\d*", cell) for cells in body for cell in cells)
+    noted = [(j, h) for j, h in enumerate(headings) if h.lower() in _WORDS_BELOW]
+    noted = [(j, h) for j, h in noted if NUMBER in kinds_of(_column(body, j), ".")]
+    why = ""
+    if named and known and 2 * over > len(sizes):
+        why = f"{len(above)} headings over {most} fields"
+    elif whole and len(uneven) > 1:
+        why = f"lines of {' and of '.join(map(str, sorted(uneven)[:3]))} fields"
+    elif whole and (padded := _padded(body, most)):
+        why = f"fields such as '{padded}'"
+    elif whole and noted:
+        why = f"numbers below '{noted[0][1][:20]}'"
+    shown = ",".join(next(cells for cells in body if len(cells) == most))[:40]
+    if why:
+        raise BadRecording(
+            f"{name}: {why}: the commas in '{shown}' may be decimal marks and separators at once: "
+            "write it with decimal points, or with semicolons between the fields; if all are "
+            "separators, give each field a heading, and no zeros in front"
+        )
+    if any(headings) or not whole or most < 3:
+        return []
+    return [
+        f"the commas in '{shown}' are taken for separators (if some are decimal marks, write it "
+        "with decimal points, or with semicolons between the fields)"
+    ]
+
+
+def _padded(body: Sequence[Sequence[str]], width: int) -> str:
+    """Return a field with zeros in front, as behind a decimal mark, of a column that is not the
+    first and has no signs; "" if there is none."""
+    for j in range(1, width):
+        cells = _column(body, j)
+        padded = [cell for cell in cells if re.fullmatch(r"0\d+", cell)]
+        if padded and all(re.fullmatch(r"\d*", cell) for cell in cells):
+            return padded[0]
+    return ""
+
+
+def _column(body: Sequence[Sequence[str]], j: int) -> list[str]:
+    return [cells[j] for cells in body if len(cells) > j]

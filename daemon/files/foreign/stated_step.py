@@ -4,8 +4,12 @@ import math
 import re
 from collections.abc import Sequence
 
+import numpy as np
+
 from dehyst.daemon.files.foreign.fields import number_of
 from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
+from dehyst.models.arrays import Ints
+from dehyst.models.recording import Floats
 
 _UNIT_BEHIND = r"(?:(?:\s*[\[(/]|\s)\s*([^\])]*?)\s*[\])]?)?"
 _STEP = re.compile(
@@ -26,6 +30,10 @@ SURELY_SECONDS = 0.02
 """A period without a unit that is shorter than this [s] is one in seconds: as milliseconds it would
 be more than 50 kHz, which no recording of a stage needs. A "scan rate" of fewer rows per second may
 be the lines of a microscope."""
+UNEVEN = 1e-3
+"""Last digit of the times, in periods, above which their rounding makes the steps uneven."""
+MOST_LOOKED_AT, MOST_DIGITS, LEAST_ROWS = 100, 15, 10
+"""LEAST_ROWS: on average between two pauses; times of another period pause all the time."""
 _REST_OF_A_NUMBER = re.compile(r"\d{3}(?!\d)(?:[.,]\d*)?\s*[^\d\s]*")
 _STATED = re.compile(r"([-+]?\d[\d.,']*(?:e[-+]?\d+)?)\s*(.*)", re.IGNORECASE)
 _RATE_UNIT = re.compile(r"([kMGк]?)(?:Hz|Гц|Sa?/s|Samples?/s|Hertz|1/s)", re.IGNORECASE)
@@ -88,3 +96,37 @@ def _factor(unit: str, is_time: bool) -> float:
     if found is None or unit.startswith("mH"):  # millihertz
         return 0.0
     return {"": 1.0, "k": 1e3, "к": 1e3, "m": 1e6, "g": 1e9}[found[1].lower()]
+
+
+def on_stated_step(times: Floats, rows: Ints, step: float, unit: float) -> tuple[Floats, float]:
+    """Return (N,) times [s] that have too few digits for their even steps, counted from the stated
+    period instead, and their last digit [s]; (times, 0.0) if they have enough digits, or are not
+    those of this period to within the last digit. rows: (N,) numbers of the rows; unit: of the
+    numbers in the file [s]. Where the times pause, they are counted anew."""
+    if times.size < 2 or not np.all(np.isfinite(times)):
+        return times, 0.0
+    digit = _last_digit(times / unit) * unit
+    off = np.abs(np.diff(times) - step * np.diff(rows))
+    if digit <= UNEVEN * step or not np.any(off > UNEVEN * step):
+        return times, 0.0
+    cuts = np.flatnonzero(off > digit * (1.0 + UNEVEN)) + 1
+    if times.size < LEAST_ROWS * (cuts.size + 1):
+        return times, 0.0
+    out = times.copy()
+    for part in np.split(np.arange(times.size), cuts):
+        begins = times[part] - step * (rows[part] - rows[part[0]])
+        least, most = float(np.max(begins)) - digit / 2.0, float(np.min(begins)) + digit / 2.0
+        if least > most + UNEVEN * digit:
+            return times, 0.0
+        begin = min(max(float(begins[0]), least), most)
+        out[part] = begin + step * (rows[part] - rows[part[0]])
+    return out, digit
+
+
+def _last_digit(values: Floats) -> float:
+    """Return the value of the last digit with which the largest numbers were written; smaller ones
+    may have finer digits. 0 if there are none."""
+    largest = np.sort(np.abs(values))[-MOST_LOOKED_AT:]
+    texts = [f"{value:.{MOST_DIGITS - 1}e}".partition("e") for value in largest.tolist() if value]
+    places = [int(power) + 2 - len(text.rstrip("0")) for text, _, power in texts]
+    return 10.0 ** min(places) if places else 0.0

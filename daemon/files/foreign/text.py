@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from dehyst.daemon.files.csv_table import (
 )
 from dehyst.daemon.files.foreign.affixes import bare_numbers, without_units, without_words
 from dehyst.daemon.files.foreign.encoding import decode_text
-from dehyst.daemon.files.foreign.fields import GROUPED_APART, number_of
+from dehyst.daemon.files.foreign.fields import GROUPED_APART, marks_in, number_of
 from dehyst.daemon.files.foreign.found import Sheet
 from dehyst.daemon.files.foreign.grid import (
     LOOKED_AT,
@@ -41,6 +40,7 @@ from dehyst.daemon.files.foreign.roles import role_of
 from dehyst.daemon.files.foreign.runs import (
     MOST_BELOW,
     NUMBER,
+    doubt_commas,
     find_decimal,
     kinds_of,
     note_below,
@@ -163,7 +163,8 @@ def understand_text(
     layout.unclear, layout.remarks = unclear, below
     layout.take_units(units)
     layout.form = [f"separated by {word}"] if separator != "," else []
-    _refuse_two_commas(name, layout, rows, separator)
+    if separator == "," and not any("." in line for line in lines[places[layout.first] :]):
+        layout.form += doubt_commas(name, rows, layout.first, layout.headings)
     first = places[layout.first]
     before = lines[max(first, len(lines) - 1 - MOST_OTHERS) : -1] if cut else []
     cut = cut if before and _is_cut(split(lines[-1]), [*map(split, before)], decimal) else 0
@@ -216,6 +217,7 @@ def _understand_words(
     raise BadRecording(
         f"{name}: holds no rows of numbers separated by commas, semicolons, tabs or blanks; "
         f"line {above + shown + 1} is {printable(lines[shown].strip()[:60])!r}"
+        + marks_in(lines[shown])
     )
 
 
@@ -375,18 +377,3 @@ def _plain(lines: Sequence[str], most: int, separator: str, decimal: str) -> Ite
         if size > most or marked or not line.isascii():
             raise ValueError
         yield line
-
-
-def _refuse_two_commas(
-    name: str, layout: GridLayout, rows: Sequence[Sequence[Any]], separator: str
-) -> None:
-    """Raise BadRecording if commas are both separators and decimal marks: twice as many fields as
-    headings."""
-    if separator == "," and layout.first and not any(layout.headings):
-        above = len(rows[layout.first - 1])
-        points = any("." in cell for row in rows[layout.first :] for cell in row)
-        if above > 1 and layout.width == 2 * above and not points:
-            raise BadRecording(
-                f"{name}: {above} headings over {layout.width} fields: commas are decimal marks "
-                "and separators at once; write it with semicolons, or with decimal points"
-            )

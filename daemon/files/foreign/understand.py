@@ -21,7 +21,7 @@ from dehyst.daemon.files.foreign.choice.doubts import (
     other_times,
     other_volts,
 )
-from dehyst.daemon.files.foreign.counted import count_time, note_contradictions
+from dehyst.daemon.files.foreign.counted import count_rounded, count_time, note_contradictions
 from dehyst.daemon.files.foreign.epochs import (
     continued,
     doubt_of_digits,
@@ -177,12 +177,13 @@ def _two_units(column: Column) -> list[str]:
     return [unit, apart] if unit and apart and unit != apart else []
 
 
+def _is_kept(unit: str) -> bool:
+    """Return whether a unit is known, and one that a drive or a displacement may have."""
+    return unit in UNITS and UNITS[unit][1] in UNIT_NAMES
+
+
 def _take_time(
-    column: Column,
-    found: Sheet,
-    reading: ReadOptions,
-    other: str,
-    draft: Draft,
+    column: Column, found: Sheet, reading: ReadOptions, other: str, draft: Draft
 ) -> None:
     """Convert the times to seconds. other: where the file names another unit of time."""
     label = describe_column(column)
@@ -266,16 +267,11 @@ def _take_time(
     else:  # divide, so that 5 ms is 0.005 s to the last bit
         draft.columns["t_s"] = values / (1.0 / factor) if factor < 1.0 else values * factor
         label += f" (in {unit})"
+    count_rounded(found, factor, draft)
     draft.said.append(f"t from {label}")
 
 
-def _take(
-    role: str,
-    column: Column,
-    given: str,
-    elsewhere: str,
-    draft: Draft,
-) -> None:
+def _take(role: str, column: Column, given: str, elsewhere: str, draft: Draft) -> None:
     """Convert drive, displacement or target to a unit that recordings use. elsewhere: where the
     file says that a drive without a unit may not be in volts."""
     own, stated, label = unit_of_column(column), _stated(column), describe_column(column)
@@ -291,13 +287,13 @@ def _take(
         return
     two = _two_units(column)
     if two and find_unit_key(given) not in two:
-        known = " or ".join(f"{option} {one}" for one in two if one in UNITS)
+        known = " or ".join(f"{option} {one}" for one in two if _is_kept(one))
         draft.asked.append(
             f"{label} states two units, {' and '.join(two)}: add {known}, whichever is right"
         )
         return
     in_heading = not find_unit_key(column.unit)
-    usable = own != "" and UNITS[own][1] in UNIT_NAMES and not two
+    usable = _is_kept(own) and not two
     if usable and own != unit and (in_heading or UNITS[own][0] == UNITS[unit][0]):
         draft.asked.append(
             f"{label} is in {own}, but {option} says {unit}: without {option} it is read in "
@@ -353,11 +349,7 @@ def _ask_of_factor(
         )
 
 
-def _keep_as(
-    name: str,
-    column: Column,
-    draft: Draft,
-) -> None:
+def _keep_as(name: str, column: Column, draft: Draft) -> None:
     """Add a further channel under the name that --columns gives it; its values are unchanged."""
     label, own, named = describe_column(column), unit_of_column(column), split_heading(name)[1]
     if re.fullmatch(ROLE_NAMES, name):

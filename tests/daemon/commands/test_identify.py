@@ -67,6 +67,25 @@ def test_identify_writes_model_and_report(
     assert "slope at +" in page
 
 
+@pytest.mark.parametrize("hum_um", [0.0, 0.2])
+def test_an_interval_or_why_there_is_none(
+    recording: Path, hum_um: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A hum of 3 noises, which the model lacks."""
+    one = read_recording(recording)
+    assert one.displacement is not None
+    hummed = one.displacement + hum_um * np.sin(2 * np.pi * 23.7 * one.t_s)
+    path = recording.parent / "hummed.csv"
+    write_recording(path, one.t_s, {"u_v": one.drive, "y_um": hummed})
+    assert main(["identify", str(path), "-o", str(recording.parent / "stage.toml")]) == 0
+    out = capsys.readouterr().out
+    stated = "95 % prediction interval for other drives in this range: +-" in out
+    assert stated == (hum_um == 0.0)
+    assert (
+        "um rms, is not mostly noise; another waveform may cause half to three" in out
+    ) != stated
+
+
 def test_identify_in_words_and_fixed(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = recording.parent / "stage.toml"
     arguments = ["--static", "--order", "6", "--saturation", "3", "--no-bias"]

@@ -58,6 +58,18 @@ def test_worse_than_it_claims_is_a_finding(
     assert "not white" in bad
 
 
+def test_a_model_without_an_interval_is_called_so(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = shipped("paper-eq12")
+    save_model(replace(model, fit=Fit(0.045, 0.045, 0.045, band=0.05)), "banded.toml")
+    assert main(["validate", "good.toml", "banded.toml", "run.csv"]) == 0
+    without, banded = (x for x in capsys.readouterr().out.splitlines() if " on run.csv" in x)
+    assert "; the model states no 95 % band;" in without
+    assert "of the rows within its 95 % band and the noise" in banded
+    assert "states no" not in banded
+
+
 def test_rows_that_repeat_a_reading_are_counted(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -187,7 +187,7 @@ def test_other_factors_are_notes(tmp_path: Path, above: str) -> None:
     is_it(read(write(tmp_path / "a.csv", f"{above}\n{HEAD}", plain)))
 
 
-@pytest.mark.parametrize("above", ["Time unit: ms", "X unit;us", "# times in milliseconds"])
+@pytest.mark.parametrize("above", ["Times unit: ms", "X unit;us", "# times in milliseconds"])
 def test_a_unit_of_time_elsewhere_is_asked_for(tmp_path: Path, above: str) -> None:
     names = f"{above}\nTime;Voltage;Position (um)"
     path = write(tmp_path / "a.csv", names, plain)
@@ -198,7 +198,7 @@ def test_a_unit_of_time_elsewhere_is_asked_for(tmp_path: Path, above: str) -> No
 
 
 def test_one_unit_in_words_is_that_of_no_column(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.csv", "Displacement unit: nm\nTime;Voltage;Displacement", plain)
+    path = write(tmp_path / "a.csv", "Unit: nm\nTime;Voltage;Displacement", plain)
     assert "'Time' (nm)" not in asked(path)
 
 

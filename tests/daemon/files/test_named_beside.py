@@ -357,7 +357,7 @@ def test_times_in_texts(tmp_path: Path) -> None:
 
 def test_all_lines_of_a_preamble_are_kept(tmp_path: Path) -> None:
     """A unit in the second of two lines that begin alike is not lost."""
-    head = ["# - {name: t, unit: s}", "# - {name: drive, unit: mV}", "# - {name: position}"]
+    head = ["# - t is given in s", "# - drive is given in mV", "# - position"]
     body = [f"{t:.3f} {1e3 * u} {y}" for t, u, y in zip(T, U, Y, strict=True)]
     path = tmp_path / "a.txt"
     path.write_text("\n".join([*head, "t drive position", *body]) + "\n")

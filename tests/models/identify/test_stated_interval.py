@@ -8,11 +8,12 @@ import pytest
 from tests.rigs.outside import noisy, stage, times
 
 from dehyst.models.identify import Identification, Options, identify
-from dehyst.models.identify.band import is_rival
+from dehyst.models.identify.band import is_rival, is_stated
 from dehyst.models.identify.equations import Equations, Params, Shape, assemble
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import leave_stretches_out
 from dehyst.models.identify.validation import validate
+from dehyst.models.model import Fit
 from dehyst.models.recording import Recording
 
 T = times(4.0)
@@ -63,6 +64,46 @@ def test_both_sides_are_judged(times_band: float, says: str) -> None:
     assert validate(replace(model, fit=replace(model.fit, band=band)), touched).interval_is == says
 
 
+@pytest.mark.parametrize(("noises", "stated"), [(0.3, True), (1.0, False), (5.0, False)])
+def test_an_interval_is_stated_where_the_model_leaves_mostly_noise(
+    noises: float, stated: bool
+) -> None:
+    """A hum that the model lacks, as an rms in noises: with 1.0, half of the error is noise."""
+    one = recorded(two_sines(2.0, 5.4), 1)
+    assert one.displacement is not None
+    noise = found().model.fit.noise_rms or 0.0
+    hum = noises * noise * np.sqrt(2.0) * np.sin(2 * np.pi * 23.7 * T)
+    hummed = identify([replace(one, displacement=one.displacement + hum)], Options(rate=False))
+    assert hummed.model.fit.leaves_mostly_noise == stated
+    assert (hummed.model.fit.band is not None) == stated
+    judged = validate(hummed.model, other())
+    assert judged.has_interval == stated
+    assert (judged.unstated == 1.0) == (not stated)
+
+
+@pytest.mark.parametrize(
+    ("figures", "mostly"),
+    [((1.0, 1.15, 1.0, None), True), ((1.0, 1.16, 1.0, None), False), ((3.0, 3.0, 1.0, 1.1), True)],
+)
+def test_noise_makes_up_three_quarters_of_the_claimed_error(
+    figures: tuple[float | None, ...], mostly: bool
+) -> None:
+    rms, holdout, noise, steady = figures
+    assert Fit(rms, holdout, noise, steady_rms=steady).leaves_mostly_noise == mostly
+    assert not Fit(rms, holdout, None, steady_rms=steady).leaves_mostly_noise
+
+
+@pytest.mark.parametrize(
+    ("band", "stroke", "stated"),
+    [(3.9, 16.0, True), (4.0, 16.0, False), (3.9, 15.5, False), (0.1, 16.0, True)],
+)
+def test_an_interval_far_beyond_the_noise_or_near_the_stroke_is_not_stated(
+    band: float, stroke: float, stated: bool
+) -> None:
+    """A recording that drifts adds its drift to the interval, not to the claim."""
+    assert is_stated(Fit(3.0, 3.0, 1.0, steady_rms=1.1), band, stroke) == stated
+
+
 def test_a_structure_that_could_not_be_taken_does_not_widen_it() -> None:
     best, *others = found().tried
     alike = replace(best, shape=others[0].shape, invertible=True, superseded=False)
@@ -72,9 +113,12 @@ def test_a_structure_that_could_not_be_taken_does_not_widen_it() -> None:
 
 
 @pytest.mark.parametrize(("count", "widened"), [(1, TUNING.near), (2, 1.0)])
-def test_misfit_counts_by_how_it_is_distributed(count: int, widened: float) -> None:
+def test_misfit_counts_by_how_it_is_distributed(
+    count: int, widened: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A hum that the model lacks, on for a tenth of the time: 95 % of its values are within 3 times
     its rms. A single recording widens the interval to allow for another waveform, two do not."""
+    monkeypatch.setattr("dehyst.models.identify.identification.is_stated", lambda *figures: True)
     hum = np.where(T % 0.4 < 0.04, 0.2 * np.sin(2 * np.pi * 23.7 * T), 0.0)
     given = [recorded(two_sines(2.0, 5.4), 0), recorded(two_sines(3.1, 4.6), 1)][:count]
     hummed = [replace(r, displacement=np.add(r.displacement, hum)) for r in given]

@@ -930,7 +930,8 @@ CHANGES += room(
         "it is advised to name a column that is of another rate",
     ),
     Change(
-        "one-channel-asked-for-twice", ADVISED, "if len(left) >= len(roles):", "if True:",
+        "one-channel-asked-for-twice", ADVISED,
+        "if len(left) - len(counters) >= len(roles):", "if True:",
         "it is advised to name a displacement in a file that holds none",
     ),
     Change(
@@ -939,8 +940,8 @@ CHANGES += room(
     ),
     Change(
         "constant-advised-as-drive", ADVISED,
-        "may = [i for i in may if moves(columns[i]) and not counts_up(columns[i].values)] or may",
-        "pass", "a column of row numbers is advised as the drive",
+        "may = [i for i in may if moves(columns[i])] or may",
+        "pass", "a column that stands still is advised as the drive",
     ),
     Change(
         "long-heading-takes-seconds", f"{FOREIGN}/roles.py",
@@ -1249,5 +1250,167 @@ CHANGES += room(
     Change(
         "factor-below-yields", GRID, 'notes[f"{key} (again)" if key in notes else key] = text',
         "notes.setdefault(key, text)", "a gain of 1 above the numbers hides one of 15 below",
+    ),
+)  # fmt: skip
+
+STATED = f"{FOREIGN}/stated_step.py"
+CHANGES += room(
+    ("tests/daemon/files/test_digits_and_marks.py",),
+    Change(
+        "labview-step-not-kept", f"{FOREIGN}/lvm.py", "part.step_s = steps[0]", "pass",
+        "times that LabVIEW rounded to a millisecond give a rate that is off by their last digit",
+    ),
+    Change(
+        "segments-lose-the-step", f"{FOREIGN}/lvm.py",
+        "step_s = steps.pop() if len(steps) == 1 else 0.0", "step_s = 0.0",
+        "the step that LabVIEW states is forgotten where segments are joined",
+    ),
+    Change(
+        "counted-times-unsaid", f"{FOREIGN}/counted.py",
+        "        if digit:\n", "        if False:\n",
+        "times are replaced by those of the stated period without a word",
+    ),
+    Change(
+        "stated-period-wins-over-the-times", STATED, "if least > most + UNEVEN * digit:",
+        "if False:", "a period that is not that of the times replaces them",
+    ),
+    Change(
+        "pause-counted-over", STATED, "> digit * (1.0 + UNEVEN)) + 1", "> np.inf) + 1",
+        "rounded times with a pause are not counted from the stated period",
+    ),
+    Change(
+        "last-digit-of-the-first-times", STATED, "np.sort(np.abs(values))[-MOST_LOOKED_AT:]",
+        "np.abs(values)[:1]", "times that begin at -0.1 s seem rounded to 0.1 s",
+    ),
+    Change(
+        "repeated-times-have-a-usual-step", f"{FOREIGN}/counted.py",
+        "return mean if repeated else float", "return float",
+        "a stated step against times that are rounded to it is not said",
+    ),
+    Change(
+        "words-in-brackets-are-labview-units", f"{FOREIGN}/lvm.py",
+        '"" if own and known in ("", own) else unit',
+        '"" if own or read_heading(column.heading).stated else unit',
+        "'Voltage (DC)' is asked for its unit, which the header states; mV against V is not",
+    ),
+    Change(
+        "advised-unit-is-not-taken", f"{FOREIGN}/understand.py",
+        "for one in two if _is_kept(one))", "for one in two if one in UNITS)",
+        "an option is advised that the command line refuses",
+    ),
+    Change(
+        "decimal-commas-between-commas", f"{FOREIGN}/text.py",
+        'if separator == "," and not any(', "if False and not any(",
+        "23,42,12 is read as three numbers where two were written",
+    ),
+    Change(
+        "zeros-behind-a-comma", f"{FOREIGN}/runs.py",
+        "elif whole and (padded := _padded(body, most)):", 'elif whole and (padded := ""):',
+        "decimals are read as a column of their own where there are as many headings",
+    ),
+    Change(
+        "fields-without-headings", f"{FOREIGN}/runs.py", "if named and known and 2 * over",
+        "if False and 2 * over", "four fields below three headings are read as row numbers first",
+    ),
+    Change(
+        "lines-of-two-lengths", f"{FOREIGN}/runs.py", "elif whole and len(uneven) > 1:",
+        "elif False:", "whole volts move the displacement to the column of the drive",
+    ),
+    Change(
+        "numbers-for-comments", f"{FOREIGN}/runs.py", "    elif whole and noted:\n",
+        "    elif False:\n", "decimals push the displacement under the heading of the comments",
+    ),
+    Change(
+        "commas-unsaid", f"{FOREIGN}/runs.py", "if any(headings) or not whole or most < 3:",
+        "if True:", "23,42,12 without headings is read as three numbers without a word",
+    ),
+    Change(
+        "commas-not-in-the-question", "daemon/files/loading.py",
+        'if "left out" in text or "taken for sep" in text', 'if "left out" in text',
+        "who is asked for the columns does not learn that commas may be decimal marks",
+    ),
+    Change(
+        "several-marks-unsaid", f"{FOREIGN}/fields.py",
+        "found = _SEVERAL_MARKS.fullmatch(text)", "found = None",
+        "23.42.12 is said to be no number, and not why",
+    ),
+    Change(
+        "counter-advised", ADVISED,
+        "    may = [i for i in may if not counts_samples(columns[i].values)]\n", "",
+        "a count of the samples is advised as the displacement",
+    ),
+    Change(
+        "counter-is-a-column-left", ADVISED,
+        "if len(left) - len(counters) >= len(roles):", "if len(left) >= len(roles):",
+        "a count of the samples is offered as the displacement that a file lacks",
+    ),
+    Change(
+        "counter-advised-by-number", ADVISED,
+        "rest = [i for i in free if i not in (*others, *times, *counters)]",
+        "rest = [i for i in free if i not in (*others, *times)]",
+        "a count of the samples is advised as the displacement of a file without headings",
+    ),
+    Change(
+        "counter-among-several", CHOOSE,
+        "moving = [i for i in moving if not counts_samples(columns[i].values)]", "pass",
+        "of a count and a reading the count is advised as the displacement",
+    ),
+    Change(
+        "counter-not-called-one", ADVISED,
+        "return f\"; {_only_count(columns, counters)}\" if counters else \"\"", 'return ""',
+        "nobody learns that a column only counts the samples",
+    ),
+    Change(
+        "gaps-are-readings", f"{FOREIGN}/epochs.py", "COUNTED_SHARE = 0.9", "COUNTED_SHARE = 1.0",
+        "a counter that lost a sample is advised as the displacement",
+    ),
+    Change(
+        "scope-sources-not-names", f"{FOREIGN}/paired.py", "    _name_sources(lines)\n", "",
+        "the columns of a GW Instek are called Mode and Detail",
+    ),
+    Change(
+        "scope-mode-ignored", f"{FOREIGN}/paired.py",
+        'ways = [] if mode == "detail" else [names]', "ways = [names]",
+        "the times of one channel are called by the name of another",
+    ),
+    Change(
+        "scope-period-lost", f"{FOREIGN}/paired.py",
+        'lines[place["Memory Length"]] = lines[first - 1]',
+        'lines[place["Sampling Period"]] = lines[first - 1]',
+        "the rate of a GW Instek is asked for although it states its period",
+    ),
+    Change(
+        "units-of-a-preamble-lost", GRID, "add_units(found, [row for _, row in left])", "pass",
+        "units far above the names are asked for",
+    ),
+    Change(
+        "units-of-a-preamble-yield", HEADINGS,
+        'found.units[j] = f"{there} and {unit}" if there else unit',
+        "found.units[j] = there or unit",
+        "of two units that a file states for a column one is taken without a word",
+    ),
+    Change(
+        "unit-of-the-line-above", HEADINGS, "several = len(units) > 1 ", "several = True ",
+        "the unit of a setting becomes that of the only channel",
+    ),
+    Change(
+        "one-unit-for-the-first-column", HEADINGS,
+        'if len(cells) == 1 and _OF_COLUMNS.fullmatch(re.split(r"\\s*[:=]", cells[0])[0]):',
+        "if False:", "a unit that a comment states alone becomes that of the times",
+        tests=("tests/daemon/files/test_lab_exports.py",),
+    ),
+    Change(
+        "underscores-are-digits", "daemon/files/csv_table.py",
+        'if "_" in text:', "if False:",
+        "a field of 1_000 in a recording is read as 1000",
+    ),
+    Change(
+        "units-of-ecsv-lost", HEADINGS, 'if own := _OF_ECSV.search(" ".join(cells)):',
+        'if own := "":', "the units that astropy writes above its columns are asked for",
+    ),
+    Change(
+        "hexadecimal-unsaid", f"{FOREIGN}/fields.py",
+        'return "; it may be hexadecimal, and is to be written in decimal digits"', 'return ""',
+        "a hexadecimal field is said to be no number, and not why",
     ),
 )  # fmt: skip

@@ -111,8 +111,9 @@ CHANGES = room(
         ("tests/daemon/files/test_foreign_advice.py",),
     ),
     Change(
-        "points-are-commas", TEXT, "layout.width == 2 * above and not points:",
-        "layout.width == 2 * above:",
+        "points-are-commas", TEXT,
+        'if separator == "," and not any("." in line for line in lines[places[layout.first] :]):',
+        'if separator == ",":',
         "an oscilloscope's file is to be written with decimal points, which it has",
     ),
     Change(

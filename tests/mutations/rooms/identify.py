@@ -179,8 +179,8 @@ CHANGES += room(
     Change(
         "held-out-of-another-model",
         RESULT,
-        "            fitted.held_rms(left),\n",
-        "            fitted.scored.held_rms,\n",
+        "fit = Fit(left, fitted.held_rms(left), noise",
+        "fit = Fit(left, fitted.scored.held_rms, noise",
         "held-out rows are said to be predicted better than the rows of the fit",
     ),
     Change(
@@ -230,6 +230,54 @@ CHANGES += room(
         "if not other.invertible or other.superseded:",
         "if False:",
         "an interval includes the error of a structure that could never be chosen",
+    ),
+    Change(
+        "interval-beside-misfit",
+        BAND,
+        "return fit.leaves_mostly_noise and not beyond",
+        "return not beyond",
+        "an interval is stated for what a model leaves out, and holds for every second waveform",
+    ),
+    Change(
+        "interval-far-beyond-the-noise",
+        BAND,
+        "and not beyond and band",
+        "and band",
+        "an interval includes the drift of the recording, and is too wide for any other",
+    ),
+    Change(
+        "drift-is-misfit",
+        "models/model.py",
+        "claim, noise = self.claim, self.noise_rms",
+        "claim, noise = self.holdout_rms, self.noise_rms",
+        "a recording that drifts states no interval, though its drift is no part of the claim",
+    ),
+    Change(
+        "no-interval-for-no-reason",
+        "daemon/api/identification_summary.py",
+        "if fit.band is None and fit.holdout_rms and not fit.leaves_mostly_noise:",
+        "if False:",
+        "other loops are asked for where the model leaves out what no loop would change",
+        tests=(
+            "tests/daemon/commands/test_identify.py::test_an_interval_or_why_there_is_none[0.2]",
+        ),
+    ),
+    Change(
+        "missing-interval-unsaid",
+        "daemon/report/validation.py",
+        "    if not v.has_interval:\n",
+        "    if False:\n",
+        "validate does not say why it judges no interval",
+        tests=(
+            "tests/daemon/commands/test_validate.py::test_a_model_without_an_interval_is_called_so",
+        ),
+    ),
+    Change(
+        "rows-without-an-interval-count",
+        "models/identify/validation.py",
+        "share = 0.0 if fit.band is None else share",
+        "pass",
+        "a model without an interval seems to state one for most rows",
     ),
     Change(
         "misfit-is-noise",
@@ -550,8 +598,8 @@ CHANGES += (
         Change(
             "an-interval-for-all-sizes",
             "models/identify/identification.py",
-            "shown = band <= most and not has_one_size(found.drives)",
-            "shown = band <= most",
+            "shown = is_stated(fit, band, stroke) and not has_one_size(found.drives)",
+            "shown = is_stated(fit, band, stroke)",
             "an interval is stated for loops of sizes that were not driven",
         ),
         Change(

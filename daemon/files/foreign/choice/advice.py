@@ -6,7 +6,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dehyst.daemon.files.foreign.encoding import UNCLEAR
-from dehyst.daemon.files.foreign.epochs import counts_up, never_falls, rises_evenly
+from dehyst.daemon.files.foreign.epochs import (
+    counts_samples,
+    counts_up,
+    never_falls,
+    rises_evenly,
+)
 from dehyst.daemon.files.foreign.found import Column
 from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import (
@@ -73,10 +78,12 @@ def may_be_named(
     role: str,
 ) -> list[int]:
     """Return the columns that may be named for a role that no heading names: those without a role
-    if there are any; the only displacement is not to become the drive."""
+    if there are any; the only displacement is not to become the drive, and a count of the samples
+    is neither."""
     units = {i: find_unit_key(columns[i].unit) for i in of}
     may = [i for i in of if not says_neither(columns[i].heading, units[i]) and roles[i][0] != "t"]
-    may = [i for i in may if moves(columns[i]) and not counts_up(columns[i].values)] or may
+    may = [i for i in may if not counts_samples(columns[i].values)]
+    may = [i for i in may if moves(columns[i])] or may
     measured = [i for i in may if roles[i][0] == "y"]
     if role == "u" and len(measured) == 1:
         may.remove(measured[0])
@@ -87,12 +94,29 @@ def may_be_named(
 def lacking_columns(columns: Sequence[Column], left: Sequence[int], roles: Sequence[str]) -> str:
     """Return what to do if fewer columns are left than roles are required, "" if there are enough.
     left: columns that may have one of these roles."""
-    if len(left) >= len(roles):
+    counters = [i for i in left if counts_samples(columns[i].values)]
+    if len(left) - len(counters) >= len(roles):
         return ""
     names = ", ".join(describe_column(column) for column in columns[:6])
+    counting = f" ({_only_count(columns, counters)})" if counters else ""
     return (
         f"no heading names the {NAMES[roles[-1]]} (there are {names}), and no column is left for "
-        "it: write drive and displacement to one file, a column each"
+        f"it{counting}: write drive and displacement to one file, a column each"
+    )
+
+
+def note_counters(columns: Sequence[Column], of: Sequence[int]) -> str:
+    """Return words for a list of columns on those that only count the samples; "" if none does."""
+    counters = [i for i in of if counts_samples(columns[i].values)]
+    return f"; {_only_count(columns, counters)}" if counters else ""
+
+
+def _only_count(columns: Sequence[Column], which: Sequence[int]) -> str:
+    names = " and ".join(describe_column(columns[i]) for i in which[:4])
+    one = len(which) == 1
+    return (
+        f"{names} only count{'s' * one} the samples; name {'it' if one else 'one'} with --columns "
+        f"if {'it measures' if one else 'they measure'} something"
     )
 
 
@@ -106,14 +130,18 @@ def ask_by_number(
 ) -> None:
     """Ask for the required columns by number, because no column has a heading."""
     roles = [r for r in wants if r not in chosen and not (r == "t" and reading.rate_hz)]
-    if lacking := lacking_columns(columns, free, [role for role in roles if role != "t"]):
-        asked.append(lacking)
+    also = [r for r in "uy" if r not in (*wants, *chosen) and "target" not in wants]
+    which, untimed = _advised_without_headings(columns, free, roles, also)
+    further = [role for role in roles if role != "t"]
+    left = [i for i in free if i != which.get("t")] if "t" in which else free
+    lacking = lacking_columns(columns, free, further)
+    if lacking := lacking or lacking_columns(columns, left, further):
+        known = f"; the others are {option_for(columns, which)}" if "t" in which else ""
+        asked.append(lacking + known)
     elif roles:
         first = ", ".join(
             f"column {columns[i].number}: {columns[i].values[0]:.6g}" for i in free[:6]
         )
-        also = [r for r in "uy" if r not in (*wants, *chosen) and "target" not in wants]
-        which, untimed = _advised_without_headings(columns, free, roles, also)
         option = option_for(columns, which) + (
             " --rate HZ (no column holds times)" if untimed else ""
         )
@@ -127,17 +155,20 @@ def _advised_without_headings(
     columns: Sequence[Column], free: Sequence[int], roles: Sequence[str], also: Sequence[str]
 ) -> tuple[dict[str, int], bool]:
     """Return (column to advise for each role, whether none of them holds times): the times rise,
-    row numbers are no times, and a column that is constant or a duplicate is advised only if
-    nothing else is left for a role. also: further roles, to advise columns for if any are left."""
+    row numbers are neither times nor anything else, and a column that is constant or a duplicate is
+    advised only if nothing else is left for a role. also: further roles, to advise columns for if
+    any are left."""
     steady = [i for i in free if rises_evenly(columns[i].values)]
     rising = [i for i in steady if not counts_up(columns[i].values)]
     rising += [i for i in free if i not in steady and never_falls(columns[i].values)]
     times = rising[:1] if "t" in roles else []
-    moving = [i for i in free if i not in (*steady, *times) and moves(columns[i])]
+    counters = [i for i in free if counts_samples(columns[i].values)]
+    moving = [i for i in free if i not in (*steady, *times, *counters) and moves(columns[i])]
     others = [i for i in moving if not any(all_the_same(columns, [j, i]) for j in moving if j < i)]
     further = [role for role in (*roles, *also) if role != "t"]
     needed = len(further) - len(also)
-    others += [i for i in free if i not in (*others, *times)][: max(0, needed - len(others))]
+    rest = [i for i in free if i not in (*others, *times, *counters)]
+    others += rest[: max(0, needed - len(others))]
     advised = {"t": times[0]} if times else {}
     return advised | dict(zip(further, others, strict=False)), "t" in roles and not times
 

@@ -14,11 +14,13 @@ from dehyst.daemon.files.foreign.choice.advice import (
     may_be_named,
     most_like,
     moves,
+    note_counters,
     option_for,
 )
 from dehyst.daemon.files.foreign.choice.table_roles import roles_together
 from dehyst.daemon.files.foreign.epochs import (
     apart_as_times,
+    counts_samples,
     counts_up,
     rises_evenly,
     same_time,
@@ -90,6 +92,9 @@ def choose_columns(
             names = ", ".join(describe_column(columns[i]) for i in found[:4])
             both = both or (role == "u" and not _holds(roles, "y") and "y" not in chosen)
             moving = [i for i in found if moves(columns[i])]
+            if role != "t":
+                moving = [i for i in moving if not counts_samples(columns[i].values)]
+            counted = found
             found = moving if len(moving) > both else found
             advised |= {"u": found[0], "y": found[-1]} if both else {}
             if not both:
@@ -98,6 +103,7 @@ def choose_columns(
             option = option_for(columns, {r: i for r, i in advised.items() if r == role or both})
             asks = f"the {NAMES[role]}" + ", which the displacement" * both
             doubt = apart_as_times([columns[i].values for i in found]) if role == "t" else ""
+            doubt += note_counters(columns, counted) if role != "t" else ""
             which.append(f"{names}: which is {asks}? add {option}{doubt}")
             several[role] = found
         elif role in wants and role != "t" and not (role == "y" and both):
@@ -108,8 +114,10 @@ def choose_columns(
             elif left:
                 advised[role] = most_like(columns, left, role, chosen | advised)
             names = ", ".join(describe_column(column) for column in columns[:6])
+            others = [i for i in free if i not in chosen.values()]
+            counting = "" if unnamed else note_counters(columns, others)
             unnamed.append(
-                f"no heading names the {NAMES[role]} (there are {names}): add "
+                f"no heading names the {NAMES[role]} (there are {names}{counting}): add "
                 + (option_for(columns, {role: advised[role]}) if left else f"--columns {role}=...")
             )
     offered: dict[str, int] = {}
