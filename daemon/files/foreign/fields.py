@@ -95,12 +95,12 @@ def marks_in(cell: Any) -> str:
     hexadecimal one, one with underscores; "" for another one."""
     text = str(cell).strip()
     if re.fullmatch(r"[+-]?(0x[\da-f]+|[\da-f]*\d[a-f][\da-f]*)", text, re.IGNORECASE):
-        return "; it may be hexadecimal, and is to be written in decimal digits"
+        return "; it may be hexadecimal: write it in decimal digits"
     found = _SEVERAL_MARKS.fullmatch(text)
     if found is None:
         return "; leave out its underscores" if re.fullmatch(r"[+-]?\d+(_\d+)+.*", text) else ""
     marks = "points" if found[1] == "." else "commas"
-    return f"; its {marks} may set numbers, thousands or the parts of a date apart"
+    return f"; its {marks} may separate numbers, thousands or the parts of a date"
 
 
 def moment_of(text: str) -> float | None:

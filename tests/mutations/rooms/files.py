@@ -1410,7 +1410,7 @@ CHANGES += room(
     ),
     Change(
         "hexadecimal-unsaid", f"{FOREIGN}/fields.py",
-        'return "; it may be hexadecimal, and is to be written in decimal digits"', 'return ""',
+        'return "; it may be hexadecimal: write it in decimal digits"', 'return ""',
         "a hexadecimal field is said to be no number, and not why",
     ),
 )  # fmt: skip
