@@ -216,7 +216,9 @@ def test_whole_numbers_below_headings_of_their_own_are_read(tmp_path: Path) -> N
 def test_a_number_with_several_marks_is_refused_with_what_they_may_be(
     tmp_path: Path, mark: str
 ) -> None:
-    what = f"its {'points' if mark == '.' else 'commas'} may separate numbers, thousands or the parts"
+    what = (
+        f"its {'points' if mark == '.' else 'commas'} may separate numbers, thousands or the parts"
+    )
     head, text = "Time (ms);Voltage (V);Position (um)", f"23{mark}42{mark}12"
     rows = [f"{i};{U[i] if i != 20 else text};{Y[i]}" for i in COUNT]
     assert f"line 22: Voltage (V) is '{text}', not a number; {what}" in asked(
