@@ -191,12 +191,12 @@ def fit_with_companion(problem: Problem, trial: CandidateTrial) -> JointFit:
 
 def implausible_with_companion(state: SearchState, trial: CandidateTrial) -> str:
     """Return why the amplitudes of the trial's candidate are not possible beside what must be
-    present with it, or "". A companion that gains less than the price of one parameter is not
-    there."""
+    present with it, or "". A companion that gains less than the price of two parameters, its size
+    and a time, is not there."""
     companion = trial.candidate.required_companion()
     if not companion:
         return ""
-    fit, seen = fit_with_companion(state.problem, trial), TUNING.price * state.sigma**2
+    fit, seen = fit_with_companion(state.problem, trial), 2 * TUNING.price * state.sigma**2
     there = companion in trial.fit.effect_keys or trial.fit.sse - fit.sse > seen
     found = effect_of(fit, companion).theta if there else ()
     amplitudes = fit.amplitudes_of(effect_of(fit, trial.candidate.key))

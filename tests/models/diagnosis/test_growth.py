@@ -85,7 +85,7 @@ def test_what_begins_in_the_only_recording_is_named_with_its_time(
     assert first.where["from_s"] == pytest.approx(AT, abs=within_s)
     assert "It is present from" in first.says
     assert name in {block.kind for block in d.model.blocks}  # it is there now
-    assert d.rms["heldout_augmented"] < 1.2 * NOISE_UM
+    assert d.rms["heldout_augmented"] < 1.3 * NOISE_UM
 
 
 def lagging(x: Floats) -> Floats:
