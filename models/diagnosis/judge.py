@@ -29,6 +29,7 @@ class CandidateTrial:
     constancy: Constancy | None = None
     refused: str = ""
     impossible: bool = False  # not even a rival: its values cannot be this physics
+    with_companion: JointFit | None = None  # the fit with what must be present, if that was asked
 
     @property
     def worth(self) -> float:
@@ -136,7 +137,7 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
     mean_square = trial.gain / n
     why = trial.candidate.implausible(effect.theta, trial.fit.amplitudes_of(effect), data)
     impossible = bool(why) and not trial.candidate.rival_if_implausible
-    steady = None
+    steady = with_companion = None
     index = trial.candidate.size_index
     size = effect.parameters[index] if index is not None else None
     if not why and size and not size.whole and size.key in parameters_at_bound(effect):
@@ -156,9 +157,16 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
         if not why and (steady.wrong > 0.3 or steady.spread > trial.candidate.widest_spread):
             why = "not constant over the recordings"
         if not why:
-            why = implausible_with_companion(state, trial)
+            with_companion = fit_with_companion(problem, trial)
+            why = implausible_with_companion(state, trial, with_companion)
             impossible = bool(why)
-    return replace(trial, constancy=steady, refused=why, impossible=impossible)
+    return replace(
+        trial,
+        constancy=steady,
+        refused=why,
+        impossible=impossible,
+        with_companion=with_companion,
+    )
 
 
 def is_sure(state: SearchState, trial: CandidateTrial, left: float) -> bool:
@@ -189,14 +197,14 @@ def fit_with_companion(problem: Problem, trial: CandidateTrial) -> JointFit:
     return fit
 
 
-def implausible_with_companion(state: SearchState, trial: CandidateTrial) -> str:
+def implausible_with_companion(state: SearchState, trial: CandidateTrial, fit: JointFit) -> str:
     """Return why the amplitudes of the trial's candidate are not possible beside what must be
-    present with it, or "". A companion that gains less than the price of two parameters, its size
-    and a time, is not there."""
+    present with it, or "". fit: together with that; a companion that gains less than the price of
+    two parameters, its size and a time, is not there."""
     companion = trial.candidate.required_companion()
     if not companion:
         return ""
-    fit, seen = fit_with_companion(state.problem, trial), 2 * TUNING.price * state.sigma**2
+    seen = 2 * TUNING.price * state.sigma**2
     there = companion in trial.fit.effect_keys or trial.fit.sse - fit.sse > seen
     found = effect_of(fit, companion).theta if there else ()
     amplitudes = fit.amplitudes_of(effect_of(fit, trial.candidate.key))
@@ -207,7 +215,8 @@ def worth_with_companion(state: SearchState, trial: CandidateTrial) -> float:
     """Return the fall of the sum of squares by the trial's candidate together with the one that
     must accompany it, less a price for each of their parameters (G. Schwarz, Ann. Statist. 6,
     1978), so that two explanations of the same misfit are compared as a whole."""
-    problem, fit = state.problem, fit_with_companion(state.problem, trial)
+    problem = state.problem
+    fit = trial.with_companion or fit_with_companion(problem, trial)
     count = sum(len(e.theta) for e in fit.effects) + fit.design.shape[1]
     count -= sum(len(e.theta) for e in state.accepted.effects) + state.accepted.design.shape[1]
     price = float(np.log(problem.data.rows.sum())) * state.sigma**2

@@ -175,7 +175,7 @@ def accept_best(
     left = misfit_beyond_noise(problem, state.accepted, sigma)
     judged = tuple(judge(state, t, left) for t in trials)
     good = [t for t in judged if not t.refused]
-    reported = tuple(replace(t, fit=t.fit.without_rows()) for t in judged)
+    reported = tuple(replace(t, fit=t.fit.without_rows(), with_companion=None) for t in judged)
     rounds = (*state.rounds, reported)
     if not good:
         return replace(state, rounds=rounds)

@@ -95,8 +95,9 @@ def _add_times(part: Sheet, header: Header, x_columns: str) -> None:
             part.said = [text for text in part.said if not text.endswith(": 'X_Value'")]
             part.columns.insert(0, Column("X_Value", times, "s", number=0))
     elif timed:
-        if len(set(steps)) == 1 and steps[0] and UNSET_S != steps[0] > 0.0:
-            part.step_s = steps[0]
+        step = next(iter(steps), None) or 0.0
+        if len(set(steps)) == 1 and step > 0.0 and step != UNSET_S:
+            part.step_s = step
         for column in part.columns:
             if _X_VALUE.fullmatch(column.heading):
                 column.unit = column.unit or "s"

@@ -308,7 +308,7 @@ def test_creep_of_the_recorded_moves_counts_once_it_shows_in_its_own_right(gain:
     gain_there, earlier = effect_of(both, "creep").theta[0], effect_of(both, "creep-earlier")
     implied = np.abs(both.amplitudes_of(earlier)) / gain_there / float(np.ptp(data.y))
     assert implied.max() < MOST_MOVE
-    assert (implausible_with_companion(state, trial) == "") == (gain > 0.01)
+    assert (implausible_with_companion(state, trial, both) == "") == (gain > 0.01)
 
 
 @pytest.mark.parametrize(("share", "possible"), [(0.99, True), (1.01, False)])

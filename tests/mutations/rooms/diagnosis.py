@@ -225,8 +225,8 @@ CHANGES = [
         Change(
             "earlier-creep-beside-any",
             JUDGE,
-            '    if not companion:\n        return ""\n    fit, seen',
-            '    if companion:\n        return ""\n    fit, seen',
+            '    if not companion:\n        return ""\n    seen',
+            '    if companion:\n        return ""\n    seen',
             "a warm-up is creep of an earlier move, though no recorded move creeps",
         ),
         Change(

@@ -1257,7 +1257,7 @@ STATED = f"{FOREIGN}/stated_step.py"
 CHANGES += room(
     ("tests/daemon/files/test_digits_and_marks.py",),
     Change(
-        "labview-step-not-kept", f"{FOREIGN}/lvm.py", "part.step_s = steps[0]", "pass",
+        "labview-step-not-kept", f"{FOREIGN}/lvm.py", "part.step_s = step\n", "pass\n",
         "times that LabVIEW rounded to a millisecond give a rate that is off by their last digit",
     ),
     Change(
