@@ -17,11 +17,11 @@ from msgspec import Meta
 from dehyst.daemon.rings.status import Id, LoopStatus, Name, Unit, Version
 
 MAX_POINTS = 16_384
-"""Most points in one trajectory chunk."""
+"""Most points in one trajectory chunk: 0.25 s, what the player sends at a time, at 65 kHz."""
 MAX_SAMPLES = 65_536
 """Most samples in one telemetry batch."""
 MAX_AXES = 8
-"""Most axes of one controller."""
+"""Most axes of one controller: a hexapod has six. Each has a process of its own."""
 
 Chosen = Annotated[int, Meta(ge=1, le=2**63 - 1)]
 """The number of a client or of a trajectory, chosen at random by its sender; 0 is none."""

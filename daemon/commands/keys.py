@@ -7,6 +7,7 @@ from pathlib import Path
 from dehyst.models.errors import BadInput
 
 MOST_DAYS = 36_500  # a hundred years
+DAYS = 825  # the longest validity that Apple's systems accept of a server's certificate
 EPILOG = """\
 DIR/authority contains the authority's key: do not keep it on the controller. DIR/NAME of each
 certificate contains ca.pem, certificate.pem and key.pem. To add clients, run the command again with
@@ -40,7 +41,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--client", action="append", default=[], metavar="NAME", help="make a client's certificate"
     )
     parser.add_argument(
-        "--days", type=int, default=825, help="validity of a certificate in days (default: 825)"
+        "--days",
+        type=int,
+        default=DAYS,
+        help=f"validity of a certificate in days (default: {DAYS})",
     )
 
 

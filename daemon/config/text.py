@@ -16,7 +16,8 @@ from dehyst.models.errors import BadInput
 
 WIDTH = 100  # columns of a comment
 SLEW_SPANS = 20.0
-"""Default slew limit, in voltage ranges per second."""
+"""Default slew limit, in voltage ranges per second: 60 mA, the current of an MDT693B, drive 20 uF
+through 150 V at this rate, more than the capacity of most stacks."""
 DEFAULTS = SafeConfig()
 PLAIN = ("a number", "a string", "a string that is not empty", "a list of strings", "true or false")
 """Types that are omitted from the comment, because the default shows them well enough."""

@@ -22,6 +22,7 @@ from dehyst.daemon.gateway.loop_records import NOTHING, make_records
 from dehyst.daemon.gateway.trajectory import NewPoints, PassedOn, TrajectoryProgress, Values
 from dehyst.daemon.rings.records import LARGEST_TARGET, LoopCommand, State
 
+AHEAD_S = 1.0  # how far ahead a sender's clock may get, s: it is stepped when it synchronises
 DecideOffer = Callable[[str, int], str]
 """Takes (action, number of the offer); returns why not, in words, or "" if it is being done."""
 
@@ -129,7 +130,7 @@ class Admission:
             raise NotAdmitted(
                 "late", f"sent {age_s:.1f} s ago; at most {self.stale_s:g} s are allowed"
             )
-        if age_s < -1.0:
+        if age_s < -AHEAD_S:
             raise NotAdmitted(
                 "late", f"sent {-age_s:.1f} s in the future by the sender's own clock"
             )

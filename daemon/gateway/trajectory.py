@@ -16,6 +16,9 @@ from dehyst.daemon.rings.records import LATEST_OFFSET_NS, State
 Offsets: TypeAlias = NDArray[np.int64]
 Values: TypeAlias = NDArray[np.float64]
 COMPLETE = "it is complete"
+CLOSEST = 0.7
+"""Least mean distance of a chunk's points, in periods of the loop: a client at the loop's rate may
+round its times, and its clock may be fast. The loop's queue has room for points this close."""
 
 
 class NewPoints(NamedTuple):
@@ -104,7 +107,7 @@ class TrajectoryProgress:
     def check_dense(self, offsets: Offsets, period_ns: int) -> None:
         """Raise NotAdmitted if the points are spaced more closely than the loop's period."""
         span_ns, gaps = self.span_ns(offsets), offsets.size - (self.end_ns < 0)
-        if span_ns < 0.7 * gaps * period_ns:
+        if span_ns < CLOSEST * gaps * period_ns:
             raise NotAdmitted(
                 "dense",
                 f"the points are {span_ns / max(gaps, 1) * 1e-6:.3g} ms apart, but the loop's "

@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 
 from dehyst.daemon.config import Config
 
+LEAST_QUEUE = 65_536  # points in the queue, 1.6 MB: fewer would save nothing that counts
+PER_PERIOD = 1.5
+"""Points in the queue for each period of what a client may send ahead: they may be 0.7 periods
+apart (dehyst.daemon.gateway.trajectory)."""
 FLATTEST = 0.5
 """Slope of the hysteresis loop just after a reversal, relative to its mean. A glide is timed in
 displacement; with this factor it needs no more volts per second than the ramp even there."""
@@ -59,7 +63,9 @@ class LoopSettings:
             stale_ns=round(config.setpoint.stale_s * 1e9),
             hold_ns=round(config.setpoint.hold_s * 1e9),
             approach_um_per_s=config.setpoint.approach_um_per_s,
-            queue_points=max(65536, round(1.5 * config.setpoint.queue_s * config.loop.rate_hz)),
+            queue_points=max(
+                LEAST_QUEUE, round(PER_PERIOD * config.setpoint.queue_s * config.loop.rate_hz)
+            ),
             origin=origin,
         )
 

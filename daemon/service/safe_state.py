@@ -13,6 +13,7 @@ from dehyst.drivers.registry import load_actuator
 from dehyst.models.errors import BadInput, DehystError
 
 SHORTEST_PERIOD_S = 0.005  # between two steps of a ramp: 0.25 V at the default of 50 V/s
+SLOWER = 1.5  # times the calculated duration of a ramp: a busy line delays its steps
 SPARE_S = 15.0  # in addition to a ramp's duration: for slow devices, a busy machine
 TRY_AGAIN_S, PAUSE_S = 5.0, 0.5  # for a device that stalls; between two tries
 NOTE_S = 0.02
@@ -124,7 +125,7 @@ def _ramp(outputs: list[_Output], errors: dict[str, DehystError]) -> None:
     # longest ramp, whatever TimeoutStopSec= says
     period_s = max(output.least_period_s for output in moving)
     longest_s = max(output.left_s for output in moving)
-    notify.send(f"EXTEND_TIMEOUT_USEC={round(1e6 * (1.5 * longest_s + SPARE_S))}")
+    notify.send(f"EXTEND_TIMEOUT_USEC={round(1e6 * (SLOWER * longest_s + SPARE_S))}")
     while moving:
         begun_ns = clock.monotonic_ns()
         for output in list(moving):

@@ -159,7 +159,6 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
         if not why:
             with_companion = fit_with_companion(problem, trial)
             why = implausible_with_companion(state, trial, with_companion)
-            impossible = bool(why)
     return replace(
         trial,
         constancy=steady,

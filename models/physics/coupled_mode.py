@@ -118,6 +118,7 @@ class CoupledMode(Coupling):
         )
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        # a peak of the residual is as wide as the mode, whose damping is 0.01 to 0.04
         near = (0.96, 0.98, 1.0, 1.02, 1.04)
         return [
             (f * g, z)

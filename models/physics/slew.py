@@ -93,6 +93,7 @@ class Slew(Candidate):
         top = float(self._rates[-1])
         quantiles = np.quantile(self._rates, (0.8, 0.9, 0.96, 0.99, 0.997))
         rates = [*quantiles, *(top * np.geomspace(0.03, 0.8, 8))]
+        # inside the parameter's range, away from its ends
         inside = sorted({float(r) for r in rates if 2e-3 * top < r < 0.95 * top})
         return [(r,) for r in inside]
 

@@ -75,6 +75,7 @@ class Trend(Candidate):
         self._unit = data.unit
         self._lengths = _lengths(data)
         self._longest = float(data.t.max() - data.t.min())
+        # sooner, it is like the start of a drive; later, a straight line of any time constant
         low, high = 0.05 * self._longest, 20.0 * self._longest
         self.parameters = one_per_recording(data, Parameter("tau_s", "s", low, high))
 
@@ -111,6 +112,7 @@ class Trend(Candidate):
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        # more is the stage itself; after a long move, 0.1 of it may still settle
         rise = float(np.abs(amplitudes).max())
         if rise > max(0.3 * float(np.ptp(data.y)), 0.1 * move_from_zero(data)):
             return "a drift of more than a third of the stroke"

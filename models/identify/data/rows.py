@@ -34,6 +34,9 @@ SMALLEST, LARGEST = 1e-9, 1e10
 """Range of a drive or a displacement, in its unit, between which it can be a stage's: a thousandth
 of what the finest gauges show (1 pm, 1 nrad), and more than a counter of 32 bits counts. Beyond it
 the unit is wrong, and the fit would lose its digits."""
+ONE_WAY, RETURNS = 0.2, 0.7
+"""Shares of the drive's range: a recording that returns over less of it shows no loop, and one that
+returns over less than the second shows only a part of it, which is said."""
 SWEPT = 0.9
 """Share of a recording's drive range that the drive has to sweep before its memory is known."""
 
@@ -131,15 +134,15 @@ def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]
         )
     rise, fall = measure_travels(u[~np.isnan(u)])
     slow_rise, slow_fall = measure_travels(_without_jumps(recording.t_s, u, high - low))
-    if min(slow_rise, slow_fall) < 0.2 * (high - low) < high - low < max(slow_rise, slow_fall):
+    if min(slow_rise, slow_fall) < ONE_WAY * (high - low) < high - low < max(slow_rise, slow_fall):
         rise, fall = slow_rise, slow_fall  # a sawtooth, or ramps one after another
-    if min(rise, fall) < 0.2 * (high - low):
+    if min(rise, fall) < ONE_WAY * (high - low):
         way = "up" if rise > fall else "down"
         raise BadRecording(
             f"{name}: the drive only goes {way}, but hysteresis shows only after a reversal; "
             "record at least one full loop (dehyst excite designs a drive)"
         )
-    if min(rise, fall) < 0.7 * (high - low):
+    if min(rise, fall) < RETURNS * (high - low):
         notes.append(
             f"{name}: the drive returns over only {min(rise, fall) / (high - low):.0%} of its "
             "range; the rest of the loop is extrapolated"

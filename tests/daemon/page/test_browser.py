@@ -197,11 +197,16 @@ def test_steps_end_at_the_reach(window: Chromium) -> None:
     window.write("step", "0.1")
 
 
-def test_where_the_stage_is_stands_there_large(window: Chromium) -> None:
+def go_to_8(window: Chromium) -> None:
+    """Send the stage to 8 um; return when the target is there."""
     window.write("target", "8")
     window.write("seconds", "60")
     window.click("go")
     window.until("there", lambda: aimed(window, 8.0))
+
+
+def test_where_the_stage_is_stands_there_large(window: Chromium) -> None:
+    go_to_8(window)
     window.until("measured", lambda: abs(float(window.text("now-measured")) - 8.0) < 0.5)
     window.until("its figure", lambda: window.text("now-target") == "8.000")
     error = float(window.text("now-error").replace("−", "-"))
@@ -212,6 +217,7 @@ def test_where_the_stage_is_stands_there_large(window: Chromium) -> None:
 
 
 def test_hold_holds_in_motion_and_at_rest(window: Chromium, service: Service) -> None:
+    go_to_8(window)
     window.click("hold")
     window.until("held", lambda: "holding 8 µm" in window.text("said"))
     window.click("release")
@@ -237,6 +243,24 @@ def trajectory(path: Path, middle: float, points: int = 400) -> Path:
     return path
 
 
+NOTE_JOBS = """(() => {
+  const send = window.fetch;
+  window.jobs = [];
+  window.fetch = async (...what) => {
+    const answer = await send(...what);
+    if (what[0].startsWith("upload/")) window.jobs.push((await answer.clone().json()).number);
+    return answer;
+  };
+})()"""
+STATE_OF_FIRST_JOB = """(() => {
+  if (!window.jobs.length) return "sending";
+  const asked = new XMLHttpRequest();
+  asked.open("GET", `job/${window.jobs[0]}`, false);
+  asked.send();
+  return JSON.parse(asked.responseText).state;
+})()"""
+
+
 def test_a_file_that_is_given_while_another_is_checked_shows_its_own_figures(
     window: Chromium, tmp_path: Path
 ) -> None:
@@ -244,11 +268,13 @@ def test_a_file_that_is_given_while_another_is_checked_shows_its_own_figures(
     second = trajectory(tmp_path / "second.csv", 12.0, points=777)
     field = window.chrome.find_element("id", "file")
     shown = "!document.getElementById('preview').hidden"
+    window.ask(NOTE_JOBS)
     field.send_keys(str(first))
     window.click("as-trajectory")
     field.send_keys(str(second))  # while the first file is still being checked
     assert "second.csv" in window.text("job-text")
-    time.sleep(8.0)  # by now the check of the first file has ended
+    window.until("the first file is checked", lambda: window.ask(STATE_OF_FIRST_JOB) == "done")
+    time.sleep(2.0)  # longer than the page takes to ask for it again
     assert not window.ask(shown)
     assert "second.csv" in window.text("job-text")
     window.click("as-trajectory")

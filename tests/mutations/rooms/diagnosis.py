@@ -230,6 +230,14 @@ CHANGES = [
             "a warm-up is creep of an earlier move, though no recorded move creeps",
         ),
         Change(
+            "creep-not-a-rival-of-a-warm-up",
+            JUDGE,
+            "            why = implausible_with_companion(state, trial, with_companion)",
+            "            why = implausible_with_companion(state, trial, with_companion)\n"
+            "            impossible = bool(why)",
+            "a warm-up is reported as a drift that cannot be creep",
+        ),
+        Change(
             "unseen-company-counts",
             JUDGE,
             "trial.fit.sse - fit.sse > seen",

@@ -43,7 +43,7 @@ CHANGES = room(
         "a set-point that was delayed for seconds moves the stage",
     ),
     Change(
-        "future-command-taken", GATE, "if age_s < -1.0:", "if age_s < -1e9:",
+        "future-command-taken", GATE, "if age_s < -AHEAD_S:", "if age_s < -1e9:",
         "a command with an absurd time stamp is accepted",
     ),
     Change(
@@ -201,7 +201,7 @@ CHANGES = room(
         "a client that repeats a chunk after a stop believes that it is being played",
     ),
     Change(
-        "dense-points", PROGRESS, "if span_ns < 0.7 * gaps", "if span_ns < 0.0 * gaps",
+        "dense-points", PROGRESS, "if span_ns < CLOSEST * gaps", "if span_ns < 0.0 * gaps",
         "points closer together than the period fill the queue",
     ),
     Change(
