@@ -109,13 +109,13 @@ def choose_written_model(
     held_out = make_held_out_groups(problem, bare.data.u, effects=final.effects)
     in_use_model = bare.diagnosed.model
     in_use = held_out.held_out_errors(lambda here: in_use_model)
-    best, chosen = WrittenModel(in_use_model, in_use, in_use), None
+    unchanged = WrittenModel(in_use_model, in_use, in_use)
     noise = (TUNING.trace * sigma) ** 2
     bounded = is_within_reach(in_use_model, data)  # else it is not required of others
     if not final.effects and not problem.base.width:
-        return best
+        return unchanged
 
-    def better(choice: WritableFit) -> WrittenModel | None:
+    def better(choice: WritableFit, best: WrittenModel) -> WrittenModel | None:
         try:
             held = held_out.held_out_errors(choice.write_without)
             model = choice.write()
@@ -134,18 +134,28 @@ def choose_written_model(
             return None
         return WrittenModel(model, held, in_use, choice.contains, choice.shape, gained=True)
 
-    for choice in _choices(problem, bare, final):
-        if found := better(choice):
-            best, chosen = found, choice
-    while chosen is not None and chosen.problem is not bare:
-        for fewer in [chosen.without(effect) for effect in chosen.fit.effects]:
-            if found := better(fewer):
-                best, chosen = found, fewer
+    def choose(with_shape: bool) -> tuple[WrittenModel, WritableFit | None]:
+        best, chosen = unchanged, None
+        for choice in _choices(problem, bare, final):
+            if (with_shape or not choice.shape) and (found := better(choice, best)):
+                best, chosen = found, choice
+        while chosen is not None and chosen.problem is not bare:
+            for fewer in [chosen.without(effect) for effect in chosen.fit.effects]:
+                if found := better(fewer, best):
+                    best, chosen = found, fewer
+                    break
+            else:
                 break
-        else:
-            break
-    if chosen is not None:
-        best = replace(best, elsewhere=_jackknife_elsewhere(chosen, held_out.groups, best.model))
+        if chosen is None:
+            return best, None
+        elsewhere = _jackknife_elsewhere(chosen, held_out.groups, best.model)
+        return replace(best, elsewhere=elsewhere), chosen
+
+    best, chosen = choose(with_shape=True)
+    misfit = in_use.mean_square - sigma**2
+    if best.contains_shape and best.elsewhere**2 > TUNING.near**2 * misfit:
+        # the recordings fix this shape less well than the model in use is known to predict
+        best, chosen = choose(with_shape=False)
     # what began before a recording differs in each, which blocks of time left out do not show
     if chosen is not None and len(data.names) == 2 and any(e.candidate.past for e in final.effects):
         each = make_held_out_groups(problem, bare.data.u, True, final.effects)

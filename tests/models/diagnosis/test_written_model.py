@@ -305,6 +305,25 @@ def test_a_model_in_use_that_leaves_the_range_does_not_keep_a_better_one_back(
     assert choose_written_model(data, bare, weighed, NOISE).gained
 
 
+@pytest.mark.parametrize("times", [1.4, 1.6])
+def test_a_shape_less_certain_elsewhere_than_the_model_in_use_is_wrong_is_not_written(
+    monkeypatch: pytest.MonkeyPatch, times: float
+) -> None:
+    """Its uncertainty on other loops is said to be this many times the misfit of the model in use;
+    the limit is 1.5."""
+    data = prepare([scan(1), scan(2), scan(3)])
+    diagnosed = DiagnosedModel(fit_plain_model(data, THRESHOLDS * data.span))
+    problem = Problem(data, rich_base(data), diagnosed)
+    bare = Problem(data, no_base(data), replace(diagnosed, carries=True))
+    weighed = Conclusion((), problem, problem.solve([]), 0.0, 0.0)
+    held = choose_written_model(data, bare, weighed, NOISE).held_in_use
+    misfit = float(np.sqrt(held.mean_square - NOISE**2))
+    monkeypatch.setattr(written_model, "_jackknife_elsewhere", lambda *_: times * misfit)
+    written = choose_written_model(data, bare, weighed, NOISE)
+    assert written.contains_shape is (times < 1.5)
+    assert (written.model is diagnosed.model) is (times > 1.5)
+
+
 def test_hum_in_a_servo_is_named_and_its_phase_is_not_written() -> None:
     """A Bouc-Wen loop under an integrating controller that sees the hum and drives against it: each
     recording has a phase of its own, and the held-out drive has no hum."""

@@ -230,6 +230,14 @@ CHANGES = [
             "a warm-up is creep of an earlier move, though no recorded move creeps",
         ),
         Change(
+            "uncertain-shape-written",
+            HANDOUT,
+            "best.elsewhere**2 > TUNING.near**2 * misfit",
+            "best.elsewhere**2 > np.inf * misfit",
+            "a shape is written that the recordings fix less well than the model in use predicts",
+            tests=("tests/models/diagnosis/test_written_model.py",),
+        ),
+        Change(
             "creep-not-a-rival-of-a-warm-up",
             JUDGE,
             "            why = implausible_with_companion(state, trial, with_companion)",
