@@ -78,7 +78,7 @@ def _waves(seconds: float) -> tuple[tuple[str, Drive, float], ...]:
     )
 
 
-def _open_loop(
+def open_loop(
     rng: Rng,
     stage: str,
     hz: float,
@@ -119,7 +119,8 @@ def _lag(tau: float) -> Callable[[Floats, Floats, float], Floats]:
     return run
 
 
-def _delay(seconds: float) -> Callable[[Floats, Floats, float], Floats]:
+def delay(seconds: float) -> Callable[[Floats, Floats, float], Floats]:
+    """Return what delays a displacement x(t)."""
     return lambda x, t, h: np.interp(t - seconds, t, x)
 
 
@@ -173,30 +174,30 @@ def _make(kind: str, rng: Rng, stage: str) -> tuple[tuple[str, ...], list[Shown]
         return (), _servo(rng, noise, 0.0, 0.0), noise
     if kind == "readback":
         read, hz = _lag(float(rng.uniform(0.008, 0.02))), 90.0
-        shown = _open_loop(rng, stage, hz, read, noise, volts=73.0, step_v=0.1)
+        shown = open_loop(rng, stage, hz, read, noise, volts=73.0, step_v=0.1)
         return ("lag",), shown, noise
     if kind == "delay":
-        read = _delay(float(rng.uniform(0.7, 3.0)) * 1e-3)
-        return ("delay",), _open_loop(rng, stage, 1e3, read, noise), noise
+        read = delay(float(rng.uniform(0.7, 3.0)) * 1e-3)
+        return ("delay",), open_loop(rng, stage, 1e3, read, noise), noise
     if kind == "early":
-        return (), _open_loop(rng, stage, 1e3, _delay(0.0), noise, ahead=1), noise
+        return (), open_loop(rng, stage, 1e3, delay(0.0), noise, ahead=1), noise
     if kind == "preload":
         read = _preloaded(float(rng.uniform(0.01, 0.03)))
-        return ("unknown",), _open_loop(rng, stage, 1e3, read, noise), noise
+        return ("unknown",), open_loop(rng, stage, 1e3, read, noise), noise
     if kind == "polled":
-        shown = _open_loop(rng, stage, 1e3, _creeps(0.012), noise, hold_s=0.012)
+        shown = open_loop(rng, stage, 1e3, _creeps(0.012), noise, hold_s=0.012)
         return ("creep",), shown, noise
     if kind == "creep-bits":
-        shown = _open_loop(rng, stage, 500.0, _creeps(0.012), noise, volts=150.0, step_v=0.15)
+        shown = open_loop(rng, stage, 500.0, _creeps(0.012), noise, volts=150.0, step_v=0.15)
         return ("creep",), shown, noise
     if kind == "mode":
         read = _rings(float(rng.uniform(20.0, 70.0)), float(rng.uniform(0.008, 0.03)))
-        return ("resonance",), _open_loop(rng, stage, 500.0, read, noise), noise
+        return ("resonance",), open_loop(rng, stage, 500.0, read, noise), noise
     if kind == "quiet-lag":
         noise = float(rng.uniform(3e-4, 1e-3))
-        return ("lag",), _open_loop(rng, stage, 1e3, _lag(1.5e-3), noise), noise
+        return ("lag",), open_loop(rng, stage, 1e3, _lag(1.5e-3), noise), noise
     assert kind == "clean"
-    return (), _open_loop(rng, stage, 1e3, _delay(0.0), noise), noise
+    return (), open_loop(rng, stage, 1e3, delay(0.0), noise), noise
 
 
 KINDS = (

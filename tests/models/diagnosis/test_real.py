@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import signal
 from tests.rigs.diagnosis import diagnose_without_limits
-from tests.rigs.hardware_stages import make_rig
+from tests.rigs.hardware_stages import delay, make_rig, open_loop
 
 from dehyst.daemon.api.prediction import predict
 from dehyst.models.diagnosis.augment import build_augmented_model
@@ -117,6 +117,24 @@ def test_readings_a_row_early_are_a_fault_of_the_recorder_and_nothing_else() -> 
     assert np.std(left) < 0.5 * rig.noise
     assert "hold.csv" in d.rms["model"]  # its drive jumps
     assert max(d.rms["model"].values()) < 1.1 * rig.noise
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.02, 0.03])
+def test_a_row_early_shows_where_it_hardly_exceeds_the_noise(noise: float) -> None:
+    """A single slow waveform: with the largest noise, the early row adds a fifth of its power."""
+    rng = np.random.default_rng([77, 6])
+    one = open_loop(rng, "in the class", 1e3, delay(0.0), noise, ahead=1)[0]
+    d = diagnose_without_limits([Recording(one.t_s, one.u, one.y, name="a row early")])
+    assert (d.verdict, d.findings) == ("clean", ())
+    assert any("is recorded one row before" in words for words in d.data.says)
+
+
+@pytest.mark.parametrize("stage", ["in the class", "bouc-wen"])
+def test_no_drive_is_moved_where_nothing_leads(stage: str) -> None:
+    one = open_loop(np.random.default_rng([79, 1]), stage, 1e3, delay(0.0), 0.02)[0]
+    data = prepare([Recording(one.t_s, one.u, one.y)])
+    problem = Problem(data, rich_base(data))
+    assert choose_earlier_drive(problem, problem.solve([]), 0.02) is None
 
 
 def test_a_model_that_leads_is_judged_on_the_drive_as_it_was_recorded() -> None:

@@ -238,6 +238,14 @@ CHANGES = [
             tests=("tests/models/diagnosis/test_written_model.py",),
         ),
         Change(
+            "early-row-hidden-by-noise",
+            "models/diagnosis/search_problem.py",
+            "least = TUNING.clear if found is None else TUNING.visible",
+            "least = TUNING.strong",
+            "readings a row early are reported as a shape or as unexplained in larger noise",
+            tests=("tests/models/diagnosis/test_real.py",),
+        ),
+        Change(
             "creep-not-a-rival-of-a-warm-up",
             JUDGE,
             "            why = implausible_with_companion(state, trial, with_companion)",
