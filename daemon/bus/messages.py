@@ -21,7 +21,7 @@ MAX_POINTS = 16_384
 MAX_SAMPLES = 65_536
 """Most samples in one telemetry batch."""
 MAX_AXES = 8
-"""Most axes of one controller: a hexapod has six. Each has a process of its own."""
+"""Most axes of one controller, which one process moves in turn: a hexapod has six."""
 
 Chosen = Annotated[int, Meta(ge=1, le=2**63 - 1)]
 """The number of a client or of a trajectory, chosen at random by its sender; 0 is none."""

@@ -182,7 +182,8 @@ def choose_earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Prob
         much = found is not None and leaves <= min(most, TUNING.half * left)
         if samples == 1.0 and leaves > nothing and not much:
             break
-        least = TUNING.clear if found is None else TUNING.visible  # of two moves, the better one
+        # where half a sample already explains much, a whole one only has to be better
+        least = TUNING.clear if found is None else TUNING.visible
         if left - leaves >= max(TUNING.half * left, (least * sigma) ** 2):
             found, left = moved, leaves
     if found is None:

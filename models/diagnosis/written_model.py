@@ -97,8 +97,9 @@ def choose_written_model(
     data: Data, bare: Problem, weighed: Conclusion, sigma: float
 ) -> WrittenModel:
     """Return the plainest model that predicts what it was not fitted to as well as the best does,
-    with no recording worse than with the model in use; the model in use where none
-    predicts better or all would diverge. data: all samples."""
+    with no recording worse than with the model in use, and without a shape whose error on other
+    loops may be 1.5 times what the model in use leaves; the model in use where none predicts better
+    or all would diverge. data: all samples."""
     problem, final = weighed.problem, weighed.final
     written = [e for e in final.effects if is_determined(e, problem.data)]
     if problem.data.between is not None:  # a model assumes straight lines between samples
@@ -136,8 +137,8 @@ def choose_written_model(
 
     def choose(with_shape: bool) -> tuple[WrittenModel, WritableFit | None]:
         best, chosen = unchanged, None
-        for choice in _choices(problem, bare, final):
-            if (with_shape or not choice.shape) and (found := better(choice, best)):
+        for choice in _choices(problem, bare, final, with_shape):
+            if found := better(choice, best):
                 best, chosen = found, choice
         while chosen is not None and chosen.problem is not bare:
             for fewer in [chosen.without(effect) for effect in chosen.fit.effects]:
@@ -188,11 +189,13 @@ def _jackknife_elsewhere(chosen: WritableFit, groups: Sequence[Bools], model: Mo
     return error if np.isfinite(error) else np.inf
 
 
-def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[WritableFit]:
+def _choices(
+    problem: Problem, bare: Problem, final: JointFit, with_shape: bool
+) -> Iterator[WritableFit]:
     """Yield the models that may be written, the plainest first: the effects around the model in
     use, the same without each of them, the effects around a hysteresis that was refitted with them,
-    and last with the shape of the base, first with a stiffer prior of the base, then with a heavier
-    pull towards the model in use."""
+    and last, if it may be written, with the shape of the base, first with a stiffer prior of the
+    base, then with a heavier pull towards the model in use."""
     effects = final.effects
     subsets = [effects, *([e for e in effects if e is not one] for one in effects)]
     for some in subsets[: 1 if len(effects) < 2 else None]:
@@ -207,6 +210,8 @@ def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[Writa
     output = problem.output_of(final)
     if effects and not problem.diagnosed.given:
         yield Refitted(problem, final, False)
+    if not with_shape:
+        return
     if is_one_period(problem.data):
         return  # nor do loops of several sizes show those around other places
     lightly = add_model_prior(problem, TUNING.leanings[0])

@@ -289,7 +289,7 @@ def test_a_quiet_stage_follows_another_drive_no_worse_than_by_the_model_in_use()
     assert d.findings[0].name == "shape"
     assert d.verdict == "partly"
     reached = figures(case, d)
-    assert reached["held_augmented"] <= reached["held_model"]
+    assert d.model == d.base_model or reached["held_augmented"] < reached["held_model"]
 
 
 def test_a_recording_that_shows_most_of_an_effect_belongs_to_the_others() -> None:
