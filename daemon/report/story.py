@@ -29,6 +29,7 @@ SECOND_S = 1.0
 SETTLE_S = 3.0
 """Time after a change in which the error is that of the change itself."""
 WORDS = 0.35  # of the curves' height, for the labels above them
+LEGEND = 0.15  # the same, for the legend below them
 TELLING = (0.7, 1.3)
 """A close look shows a second whose rms error lies within these multiples of the 90 % quantile."""
 SHOWN = (2.4, 5.0)
@@ -112,7 +113,7 @@ def draw_story_bands(story: StoryData, axes: Axes) -> str:
         least, most = (times * rms for times in SHOWN)
         top = max(top, min(max(least, _size_of_most(error[one.part])), most))
     if np.isfinite(top) and top > 0.0:
-        axes.set_ylim(-1.1 * top, (1.1 + 2.2 * WORDS) * top)
+        axes.set_ylim(-(1.1 + 2.2 * LEGEND) * top, (1.1 + 2.2 * WORDS) * top)
     if story.t_s.size > 1:
         axes.set_xlim(float(story.t_s[0]), float(story.t_s[-1]))
     axes.set(
@@ -194,7 +195,14 @@ def _clearest_second(story: StoryData, phases: Sequence[Phase]) -> int | None:
         return None
     inside = np.flatnonzero(effect.part)
     some = inside[: max(0, inside.size - count + 1) : max(1, count // 10)]
-    starts = [int(k) for k in some if k + count <= story.t_s.size and effect.part[k + count - 1]]
+    longest_s = 1.05 * SECOND_S  # a second in which samples were lost is longer
+    starts = [
+        int(k)
+        for k in some
+        if k + count <= story.t_s.size
+        and effect.part[k + count - 1]
+        and story.t_s[k + count - 1] - story.t_s[k] < longest_s
+    ]
     if not starts:
         return None
     error = story.measured - story.target

@@ -265,6 +265,22 @@ def test_the_close_looks_show_the_same_second_and_are_distinguished() -> None:
     assert 0.05 * (high - low) < 0.3  # the effect is visible: a twentieth of the height or more
 
 
+def test_a_second_in_which_samples_were_lost_is_not_looked_at_closely() -> None:
+    """Every second but one of those with the effect has a gap, where the error is largest."""
+    story = pattern_story()
+    lost = (story.t_s > 21.5) & (story.t_s < 38.5) & (story.t_s % 0.9 < 0.1)
+    story.measured[(story.t_s > 21.5) & (story.t_s < 38.5)] += 0.05
+    story.t_s, story.target, story.measured = (
+        x[~lost] for x in (story.t_s, story.target, story.measured)
+    )
+    looks = list_close_looks(story)
+    assert len(looks) == 3
+    for draw in looks:
+        axes = Figure().subplots()
+        draw(axes)
+        assert np.diff(axes.lines[0].get_xdata()).max() < 0.02
+
+
 def test_a_trial_too_short_to_have_that_second_gets_no_close_look() -> None:
     story = pattern_story("trial")
     keep = story.t_s < 43.6

@@ -246,6 +246,11 @@ CHANGES = [
             "the largest errors of the changed stage are cut off by the frame",
         ),
         Change(
+            "close-look-across-lost-samples", "daemon/report/story.py",
+            "story.t_s[k + count - 1] - story.t_s[k] < longest_s", "True",
+            "a straight line is shown where samples were lost, and no second before the effect",
+        ),
+        Change(
             "any-second", "daemon/report/story.py",
             "    if not far[best] <= apart:\n        return None\n", "",
             "before and after are shown at different phases of the pattern",
