@@ -93,7 +93,7 @@ class Validity:
     slowest_s: float | None = None
 
 
-MOSTLY_NOISE = 0.75  # of the power: intervals then held for 33 of 41 waveforms, else for 52 of 100
+MOSTLY_NOISE = 0.9  # of the power: intervals then held for 47 of 50 waveforms, with 0.75 54 of 64
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Bools, Floats
 from dehyst.models.units import how_many
 
-TEXTS = (".csv", ".csv.gz", ".txt", ".dat", ".tsv", ".lvm", ".asc", ".prn", ".log")
+TEXTS = (".csv", ".csv.gz", ".txt", ".dat", ".tsv", ".lvm", ".asc", ".prn", ".ecsv", ".log")
 SUFFIXES = (*TEXTS, ".npz", ".npy", ".mcap", *NEEDS, *PACKED)
 ARCHIVES = (".tar", ".tgz", ".7z", ".rar")
 UNDERSTOOD = ("t", "u")

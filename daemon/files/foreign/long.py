@@ -4,30 +4,47 @@ import re
 from collections.abc import Sequence
 
 from dehyst.daemon.files.foreign.headings import Row, texts_of
+from dehyst.daemon.files.foreign.roles import role_of
 from dehyst.models.errors import BadRecording
 
 MOST_CHANNELS, LEAST_ROUNDS = 64, 3
 _A_COLUMN_EACH = "write each channel to a column of its own, next to one column of times"
+_BY_FLUX = ' (in Flux: pivot(rowKey: ["_time"], columnKey: ["_field"], valueColumn: "_value"))'
+_LINES_OF_ANNOTATIONS = 3  # of InfluxDB, above the names
 
 
 def refuse_long(
     name: str, rows: Sequence[Row], numeric: Sequence[bool], headings: Sequence[str]
 ) -> None:
-    """Raise BadRecording if a column of texts names the same channels in turn, at one time each:
-    "0.0,drive,50.1", "0.0,sensor,3.2"."""
+    """Raise BadRecording if a column of texts names the same channels in turn, at one time each
+    ("0.0,drive,50.1", "0.0,sensor,3.2"), or names the channel whose value is in another column."""
+    own = {role_of(heading, "")[0] for heading in headings}
+    valued = not {"u", "y"} <= own and "value" in {h.strip("_").lower() for h in headings}
     for j in (j for j, is_number in enumerate(numeric) if not is_number):
-        texts = [texts_of(row[j : j + 1]) for row in rows if len(row) > j]
+        texts = [" ".join(texts_of(row[j : j + 1])) for row in rows if len(row) > j]
         turn = next((k for k in range(1, len(texts)) if texts[k] == texts[0]), len(texts))
         many = 1 < turn <= MOST_CHANNELS and len(texts) >= LEAST_ROUNDS * turn
         in_turn = many and all(text == texts[i % turn] for i, text in enumerate(texts))
-        if in_turn and any(
+        in_turn = in_turn and any(
             _at_one_time(rows, k, turn) for k, number in enumerate(numeric) if number
-        ):
-            them = ", ".join(repr(text) for of in texts[: min(turn, 4)] for text in of)
+        )
+        channels = list(dict.fromkeys(texts))[:MOST_CHANNELS]
+        if in_turn or (valued and all(role_of(text, "")[0] for text in channels)):
+            them = ", ".join(repr(text) for text in channels[:4])
+            by = _BY_FLUX if headings[j] == "_field" else ""
             raise BadRecording(
-                f"{name}: {headings[j] or f'column {j}'} names the channel of each row in turn "
-                f"({them}): {_A_COLUMN_EACH}"
+                f"{name}: {headings[j] or f'column {j}'} names the channel of each row"
+                f"{' in turn' if in_turn else ''} ({them}): {_A_COLUMN_EACH}{by}"
             )
+
+
+def refuse_annotated(name: str, rows: Sequence[Row]) -> None:
+    """Raise BadRecording at the lines that InfluxDB writes above a table of one value a row."""
+    if any(texts_of(row[:1]) == ["#datatype"] for row in rows[:_LINES_OF_ANNOTATIONS]):
+        raise BadRecording(
+            f"{name} is InfluxDB's annotated CSV, with a row for each value: {_A_COLUMN_EACH}"
+            f"{_BY_FLUX}, and export it without annotations"
+        )
 
 
 def _at_one_time(rows: Sequence[Row], j: int, turn: int) -> bool:

@@ -401,4 +401,4 @@ def test_the_units_of_an_ecsv_are_those_of_its_columns(tmp_path: Path, mark: str
         mark.join(["time", "drive", "position"]),
     ]  # fmt: skip
     rows = [mark.join([f"{1e3 * T[i]:.1f}", f"{U[i] / 1e3:.6f}", f"{Y[i]}"]) for i in COUNT]
-    is_it(read(write(tmp_path / "a.txt", *head, *rows)))
+    is_it(read(write(tmp_path / "a.ecsv", *head, *rows)))

@@ -292,6 +292,22 @@ def test_channels_one_below_the_other_are_refused(tmp_path: Path) -> None:
         read_columns(write(tmp_path / "c.txt", octave), reading=ReadOptions({"t": 0}))
 
 
+def test_a_table_of_one_value_a_row_is_refused_by_its_first_rows(tmp_path: Path) -> None:
+    """The rows of the drive alone fill more than is read to find the layout. InfluxDB's pivot makes
+    columns of the channels."""
+    many = np.arange(2500)
+    rows = [f",{'position_um,0.1' if i > 2400 else f'drive_V,{i % 90}'},{i}" for i in many]
+    names = ",_field,_value,_time"
+    with pytest.raises(BadRecording, match=r"names the channel of each row \('drive_V'.* pivot\("):
+        read_columns(write(tmp_path / "a.csv", [names, *rows]))
+    marks = ["#group,true,false,false", "#datatype,string,double,long", "#default,,,"]
+    with pytest.raises(BadRecording, match=r"annotated CSV.* without annotations"):
+        read_columns(write(tmp_path / "b.csv", [*marks, names, *rows]))
+    own = [f"{T[i]},{U[i]},{Y[i]},drive,7" for i in range(N)]
+    head = "Time (s),Voltage (V),Position (um),moved,value"
+    is_it(read(write(tmp_path / "c.csv", [head, *own])))
+
+
 def test_a_word_that_changes_with_the_rows_is_kept(tmp_path: Path) -> None:
     rows = lines(T, U, Y)
     words = ["phase", *(f"{'AB'[i % 2]}" for i in range(N))]

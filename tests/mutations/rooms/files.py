@@ -393,7 +393,7 @@ CHANGES += room(
         "*here[1:2], *units]", "the times of a faster channel are those of the slowest",
     ),
     Change(
-        "log-is-no-text", ALSO, '".prn", ".log")', '".prn")',
+        "log-is-no-text", ALSO, '".ecsv", ".log")', '".ecsv")',
         "a log of a terminal program must be renamed before it is read",
     ),
 ) + room(

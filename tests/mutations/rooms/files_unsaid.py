@@ -63,6 +63,21 @@ CHANGES = room(
         "drive and displacement in turn are written down as one recording",
     ),
     Change(
+        "channel-in-a-word-unseen", f"{FOREIGN}/long.py",
+        "if in_turn or (valued and", "if in_turn or (False and",
+        "an export with one value a row is advised to take the number of its table as the drive",
+    ),
+    Change(
+        "own-columns-are-one-value-a-row", f"{FOREIGN}/long.py",
+        'valued = not {"u", "y"} <= own and', "valued =",
+        "a recording with a word that moves in each row is refused",
+    ),
+    Change(
+        "annotations-are-numbers", f"{FOREIGN}/grid.py",
+        "    refuse_annotated(name, rows)\n", "",
+        "InfluxDB's export is advised to take the number of its table as the drive",
+    ),
+    Change(
         "channels-below-each-other-are-parts", "daemon/files/times.py",
         "if np.array_equal(first, second) and first[0] > np.ptp(first):", "if False:",
         "drive and displacement of one export are two recordings",
