@@ -20,7 +20,22 @@ _LISTED = re.compile(r"\s*[\[(](?=[^\])]*[,;])(.*)[\])],?\s*")
 _WITH_UNIT = re.compile(
     r"\s*([-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:e[-+]?\d+)?)\s?([^\W\d_]{1,8}|°C?|%)\s*", re.IGNORECASE
 )
+_STAMPED = re.compile(r"\s*(\d\d?:\d\d:\d\d(?:\.\d+)?) -> ")
 LEAST_ROWS = 3
+
+
+def split_off_times(lines: list[str]) -> None:
+    """Make a field of the time that a serial monitor writes in front of each line, in place:
+    "10:11:12.345 -> 57.79,7.759"."""
+    filled = [line for line in lines if line.strip()]
+    if len(filled) < LEAST_ROWS or not all(map(_STAMPED.match, filled)):
+        return
+    for i, line in enumerate(lines):
+        if found := _STAMPED.match(line):
+            rest = line[found.end() :]
+            mark = next((mark for mark in "\t;," if mark in rest), " ")
+            time = "time" if rest[:1].isalpha() else found[1]
+            lines[i] = f"{time}{mark}{rest}"
 
 
 def bare_numbers(lines: Sequence[str], places: Sequence[int]) -> list[str] | None:
@@ -28,7 +43,8 @@ def bare_numbers(lines: Sequence[str], places: Sequence[int]) -> list[str] | Non
     in two lines above the rows; None if its fields repeat none, or differ from row to row, as in
     "999 mV" and "1.2 V". places: of the lines that are not empty."""
     for separator in (";", "\t", ",", None):
-        first = next((k for k in range(len(places)) if _split(lines[places[k]], separator)), None)
+        fits = [bool(_split(lines[place], separator)) for place in places]
+        first = next((k for k in range(len(fits)) if all(fits[k : k + LEAST_ROWS])), None)
         if first is None or len(places) - first < LEAST_ROWS:
             continue
         rows = [_split(line, separator) for line in lines[places[first] :]]

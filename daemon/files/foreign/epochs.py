@@ -82,8 +82,9 @@ def join_clocks(columns: Sequence[Column]) -> list[Column]:
     values[0] = values[0] - whole_days / scales[0]
     together = np.sum([v * scale for v, scale in zip(values, scales, strict=True)], axis=0)
     joined = Column(heading, together, "s", clock=True, number=parts[0][0].number)
-    replaced = {c.number for c, _ in parts}
-    return [joined, *(column for column in columns if column.number not in replaced)]
+    first, *further = (c.number for c, _ in parts)
+    kept = [column for column in columns if column.number not in further]
+    return [joined if column.number == first else column for column in kept]
 
 
 def _is_part_of_a_clock(heading: str, names: Sequence[str]) -> bool:

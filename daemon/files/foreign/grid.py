@@ -27,7 +27,7 @@ from dehyst.daemon.files.foreign.headings import (
     texts_of,
     without_mark,
 )
-from dehyst.daemon.files.foreign.long import refuse_annotated, refuse_long
+from dehyst.daemon.files.foreign.long import refuse_long, without_annotations
 from dehyst.daemon.files.foreign.runs import (
     MISSING,
     NUMBER,
@@ -97,7 +97,7 @@ def lay_out(
     """Find the layout from the first rows; they may show that the decimal mark is a comma, or
     leave it open. split: returns the ways to read a line of names, if blanks separate. Raises
     BadRecording if there are no numbers."""
-    refuse_annotated(name, rows)
+    rows = without_annotations(name, rows)
     decimal, unclear = find_decimal(rows) if decimal == "." else (decimal, "")
     gain, first, width = score(rows, decimal)
     if not gain:

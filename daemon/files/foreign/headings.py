@@ -16,7 +16,8 @@ LINES_ABOVE = 4
 """Lines directly above the numbers among which names and units are looked for."""
 _LABELS = {
     "long name", "name", "names", "tracename", "trace name", "units", "unit", "vunit", "einheit",
-    "einheiten", "channel names",
+    "einheiten", "channel names", "channel name", "channel", "signal name", "signal", "kanalname",
+    "kanal", "signalname",
 }  # fmt: skip
 """What programs write in front of a line of names or units."""
 _ANNOUNCED = re.compile(
@@ -161,8 +162,17 @@ def _without_label(cells: list[str]) -> list[str]:
 def _near_or_labelled(rows: Sequence[tuple[int, Row]], numbers: Numbers) -> list[tuple[int, Row]]:
     """Return the lines among which names and units are looked for: those directly above the
     numbers, and those that a label in front of an empty column marks, as Yokogawa writes them."""
+    rows = [line for line in rows if not _is_property(line[1])]
     further = [line for line in rows[:-LINES_ABOVE] if _is_labelled(line[1])]
     return [*(further if numbers.first_empty else []), *rows[-LINES_ABOVE:]]
+
+
+def _is_property(row: Row) -> bool:
+    """Return whether all fields begin with one label, which announces neither names nor units:
+    ",Interp: zoh,Interp: zoh" of MathWorks."""
+    cells = [cell for cell in texts_of(_unmarked(row)) if cell]
+    labels = {cell.partition(": ")[0].lower() if ": " in cell else "" for cell in cells}
+    return len(cells) > 1 == len(labels) and labels.isdisjoint({"", *_LABELS})
 
 
 def _is_labelled(row: Row) -> bool:
@@ -310,12 +320,14 @@ def _known(cells: Sequence[str]) -> int:
 
 def _beside(over: Row, below: Row, width: int) -> tuple[float, float]:
     """Return the increment and start given next to the headings, as some oscilloscopes write
-    them."""
+    them: below "Increment", or as "tInc = 1e-3"."""
     names = [str(cell).strip().lower() for cell in over]
+    stated = {key.strip(): value.strip() for key, _, value in (c.partition("=") for c in names)}
     out = []
-    for name in ("increment", "start"):
+    for name, short in (("increment", "tinc"), ("start", "t0")):
         at = names.index(name) if name in names else -1
         value = number_of(below[at]) if width <= at < len(below) else None
+        value = number_of(stated[short]) if short in stated else value
         out.append(value if value is not None and math.isfinite(value) else 0.0)
     return out[0], out[1]
 

@@ -10,7 +10,8 @@ from dehyst.models.errors import BadRecording
 MOST_CHANNELS, LEAST_ROUNDS = 64, 3
 _A_COLUMN_EACH = "write each channel to a column of its own, next to one column of times"
 _BY_FLUX = ' (in Flux: pivot(rowKey: ["_time"], columnKey: ["_field"], valueColumn: "_value"))'
-_LINES_OF_ANNOTATIONS = 3  # of InfluxDB, above the names
+_ANNOTATIONS = (["#datatype"], ["#group"], ["#default"])
+_LINES_OF_ANNOTATIONS = len(_ANNOTATIONS)  # above the names
 
 
 def refuse_long(
@@ -38,13 +39,19 @@ def refuse_long(
             )
 
 
-def refuse_annotated(name: str, rows: Sequence[Row]) -> None:
-    """Raise BadRecording at the lines that InfluxDB writes above a table of one value a row."""
-    if any(texts_of(row[:1]) == ["#datatype"] for row in rows[:_LINES_OF_ANNOTATIONS]):
+def without_annotations(name: str, rows: Sequence[Row]) -> Sequence[Row]:
+    """Return the rows with those empty that InfluxDB writes above the names of a table. Raise
+    BadRecording if that table has a row for each value."""
+    above = rows[:_LINES_OF_ANNOTATIONS]
+    marks = [i for i, row in enumerate(above) if texts_of(row[:1])[:1] in _ANNOTATIONS]
+    if ["#datatype"] not in [texts_of(row[:1]) for row in above]:
+        return rows
+    if any("_value" in texts_of(row) for row in rows[: _LINES_OF_ANNOTATIONS + 1]):
         raise BadRecording(
             f"{name} is InfluxDB's annotated CSV, with a row for each value: {_A_COLUMN_EACH}"
-            f"{_BY_FLUX}, and export it without annotations"
+            f"{_BY_FLUX}"
         )
+    return [[] if i in marks else row for i, row in enumerate(rows)]
 
 
 def _at_one_time(rows: Sequence[Row], j: int, turn: int) -> bool:

@@ -147,8 +147,9 @@ def role_of(heading: str, unit: str) -> tuple[str, int]:
     if side or kind == VOLTAGE:
         words = words - _IN - _OUT
     words = words - {"amplifier", "lock"} | {"sensor"} if words & _MEASURES else words
-    driven = bool(words & _DRIVE) or side == "out"
     voltage = bool(words & _VOLTAGE) and kind in (VOLTAGE, "")
+    of_output = voltage and "voltage of output" in heading.lower()  # "Voltage of output chan1"
+    driven = bool(words & _DRIVE) or side == "out" or of_output
     if driven and voltage:  # "Control Voltage of OutputSignal1", as PI's controllers name it
         words = words - _OUT
     sensed = bool(words & _DISPLACEMENT - ({"y"} if driven or voltage else set()))  # axis y

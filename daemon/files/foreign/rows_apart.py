@@ -16,11 +16,56 @@ from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import role_of_column, unit_of_column
 from dehyst.daemon.files.foreign.stated_step import SAME_STEP, SURELY_SECONDS
 from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
+from dehyst.models.arrays import Floats
 from dehyst.models.errors import BadRecording
 
+LEAST_PAIRS = 10
+"""Of rows with one time, which fewer may have by chance."""
+OF_PAIRS, OF_STEPS = 0.99, 0.1
+"""Shares of the pairs that rise, and of the steps between pairs that fall, in an envelope: samples
+of a signal that falls are in falling pairs."""
 WHOLE = 0.05
 """Share of a period by which beginnings may be off a whole number of rows, as they are rounded."""
 _REMEDY = "bring them to one column of times first"
+
+
+def refuse_no_common_row(name: str, columns: Sequence[Column], chosen: Mapping[str, int]) -> None:
+    """Raise BadRecording if no row has both a drive and a displacement."""
+    pair = [columns[chosen[role]] for role in "uy" if role in chosen]
+    given = [np.isfinite(np.asarray(column.values, dtype=np.float64)) for column in pair]
+    if len(pair) == 2 and all(map(np.any, given)) and not np.any(given[0] & given[1]):
+        both = " and ".join(map(describe_column, pair))
+        raise BadRecording(
+            f"{name}: no row has both {both}, each is written at times of its own, as "
+            f"PlotJuggler does: {_REMEDY}"
+        )
+
+
+def refuse_envelope(
+    name: str, columns: Sequence[Column], chosen: Mapping[str, int], reading: ReadOptions
+) -> None:
+    """Raise BadRecording if each time comes twice with the lower value first, as an oscilloscope
+    writes the envelope of an interval. With --rate the rows count as samples."""
+    if "t" not in chosen or reading.rate_hz:
+        return
+    first, second = _pairs(columns[chosen["t"]])
+    if first.size < LEAST_PAIRS or not np.array_equal(first, second):
+        return
+    if np.any(np.diff(first) == 0.0):
+        return
+    pairs = [_pairs(columns[chosen[role]]) for role in "uy" if role in chosen]
+    rising = [np.mean(low < high) >= OF_PAIRS for low, high in pairs]
+    if rising and all(rising) and all(np.mean(np.diff(low) < 0) > OF_STEPS for low, _ in pairs):
+        raise BadRecording(
+            f"{name}: each time comes twice, the lower value first: these seem to be minimum and "
+            "maximum of an interval (peak detect, envelope), not samples: export the samples, or "
+            "add --rate HZ if the rows are samples"
+        )
+
+
+def _pairs(column: Column) -> tuple[Floats, Floats]:
+    values = np.asarray(column.values, dtype=np.float64)
+    return values[: values.size // 2 * 2 : 2], values[1::2]
 
 
 def with_own_times(

@@ -19,7 +19,12 @@ from dehyst.daemon.files.csv_table import (
     TRUSTED_BYTES,
     is_missing,
 )
-from dehyst.daemon.files.foreign.affixes import bare_numbers, without_units, without_words
+from dehyst.daemon.files.foreign.affixes import (
+    bare_numbers,
+    split_off_times,
+    without_units,
+    without_words,
+)
 from dehyst.daemon.files.foreign.encoding import decode_text
 from dehyst.daemon.files.foreign.fields import GROUPED_APART, marks_in, number_of
 from dehyst.daemon.files.foreign.found import Sheet
@@ -58,6 +63,8 @@ NO_UNITS: Mapping[int, str] = {}
 HEAD, MOST_BROKEN = 100, 12
 """Lines that are searched for quoted headings broken into several lines, and the most lines of
 one."""
+FEW_FIELDS = 0.05
+"""Fields a line below which a boot message, not the samples, may have been taken for numbers."""
 SEPARATORS = (
     ("\t", "tabs"),
     (";", "semicolons"),
@@ -119,6 +126,7 @@ def understand_text(
     _join_quoted(lines)
     _join_labelled(lines)
     name_pairs(lines)
+    split_off_times(lines)
     cut = above + len(lines) if lines[-1].strip() else 0  # without an end, so possibly not whole
     if is_lvm(lines):
         return read_lvm(name, lines, partial(understand_text, name))
@@ -142,11 +150,13 @@ def understand_text(
         gain = max(score(rows, decimal)[0] for decimal in (".", ","))
         if gain > best[0] and not (best[1] == "\t" and not one and _only_groups(best_rows)):
             best, best_rows = (gain, one, word), rows
+    if best[0] < FEW_FIELDS * len(sample) and (bare := bare_numbers(lines, places)) is not None:
+        return understand_text(name, "\n".join(bare), above - 2)
     if not best[0]:
         return _understand_words(name, lines, places, above, separator, decimal)
-    bare = without_units(lines, places, splitter(best[1]), best[1])
-    if bare is not None:
-        return understand_text(name, "\n".join(bare[0]), above, best[1], decimal, bare[1])
+    plain = without_units(lines, places, splitter(best[1]), best[1])
+    if plain is not None:
+        return understand_text(name, "\n".join(plain[0]), above, best[1], decimal, plain[1])
     gain, separator, word = best
     split = splitter(separator)
     rows = [split(line) for line in sample]
@@ -198,8 +208,6 @@ def _understand_words(
 ) -> Sheet:
     """Return the columns of a text whose fields hold more than numbers, or are mostly words. Raises
     BadRecording if it is not a table at all."""
-    if (bare := bare_numbers(lines, places)) is not None:
-        return understand_text(name, "\n".join(bare), above - 2)
     for one, _ in SEPARATORS:
         if separator in (None, one):
             plain = without_units(lines, places, splitter(one), one)

@@ -38,7 +38,12 @@ from dehyst.daemon.files.foreign.roles import (
     role_of_column,
     unit_of_column,
 )
-from dehyst.daemon.files.foreign.rows_apart import on_common_rows, with_own_times
+from dehyst.daemon.files.foreign.rows_apart import (
+    on_common_rows,
+    refuse_envelope,
+    refuse_no_common_row,
+    with_own_times,
+)
 from dehyst.daemon.files.foreign.stated_step import SAME_STEP, SURELY_SECONDS
 from dehyst.daemon.files.foreign.units import (
     DRIVE_UNITS,
@@ -94,6 +99,8 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
         chosen = choose_columns(name, columns, reading, wants, draft)
     refuse_blank(name, found, columns, chosen, reading)
     columns, chosen = on_common_rows(name, columns, chosen, found, reading)
+    refuse_no_common_row(name, columns, chosen)
+    refuse_envelope(name, columns, chosen, reading)
     if reading.rate_hz or "t" not in chosen:
         count_time(columns, [*chosen.values()], found, reading, draft)
     else:
@@ -323,7 +330,8 @@ def _take(role: str, column: Column, given: str, elsewhere: str, draft: Draft) -
     _, kept, factor = UNITS[unit]
     if kept not in UNIT_NAMES:
         draft.asked.append(
-            f"{label} is in {unit}, not a unit of the {NAMES[role]}; add {option} or --columns"
+            f"{label} is in {unit}, not a unit of the {NAMES[role]}; add {option} (counts: "
+            "numbers of no length) or --columns"
         )
         return
     values = np.asarray(column.values, dtype=np.float64)

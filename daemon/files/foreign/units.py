@@ -198,6 +198,10 @@ class Heading:
     stated: str = ""
 
 
+_OF_CHANNEL = re.compile(r"(CH\d)(m?V)")
+"""A channel with its unit, as Rigol's oscilloscopes write it."""
+
+
 def read_heading(text: str) -> Heading:
     """Find the unit in a heading: "Time (s)", "U / V", "t_ms", "Displacement [um]". A number that
     makes a repeated heading unique ("Voltage (mV).2") is not part of it."""
@@ -239,6 +243,8 @@ def read_heading(text: str) -> Heading:
             return Heading(word[1].strip(), unit)
         if _is_like_a_unit(word[2]):
             return Heading(word[1].strip(), "", word[2])
+    if of_channel := _OF_CHANNEL.fullmatch(plain):
+        return Heading(of_channel[1], find_unit_key(of_channel[2]))
     return Heading(text, "", _left_over(plain))
 
 

@@ -301,7 +301,7 @@ def test_a_table_of_one_value_a_row_is_refused_by_its_first_rows(tmp_path: Path)
     with pytest.raises(BadRecording, match=r"names the channel of each row \('drive_V'.* pivot\("):
         read_columns(write(tmp_path / "a.csv", [names, *rows]))
     marks = ["#group,true,false,false", "#datatype,string,double,long", "#default,,,"]
-    with pytest.raises(BadRecording, match=r"annotated CSV.* without annotations"):
+    with pytest.raises(BadRecording, match=r"annotated CSV.* pivot"):
         read_columns(write(tmp_path / "b.csv", [*marks, names, *rows]))
     own = [f"{T[i]},{U[i]},{Y[i]},drive,7" for i in range(N)]
     head = "Time (s),Voltage (V),Position (um),moved,value"

@@ -74,7 +74,7 @@ CHANGES = room(
     ),
     Change(
         "annotations-are-numbers", f"{FOREIGN}/grid.py",
-        "    refuse_annotated(name, rows)\n", "",
+        "    rows = without_annotations(name, rows)\n", "",
         "InfluxDB's export is advised to take the number of its table as the drive",
     ),
     Change(
@@ -88,7 +88,7 @@ CHANGES = room(
         "a clock of whole seconds with its milliseconds in a column is refused",
     ),
     Change(
-        "scale-of-twincat-lost", f"{FOREIGN}/paired.py", 'return "scale" in label or (',
+        "scale-of-twincat-lost", f"{FOREIGN}/paired.py", 'return "scale" in words or (',
         "return (", "a channel of TwinCAT that is still to be scaled is read as it is",
     ),
     Change(

@@ -24,6 +24,12 @@ from dehyst.daemon.files.foreign.roles import (
 )
 from dehyst.daemon.files.foreign.units import ANGLE, LENGTH, VOLTAGE, find_unit_key, split_heading
 
+MANY = 16
+"""Rows in which two columns must agree to be the same but for their unit."""
+FEWEST_COUNTS = 20
+ROUNDED_TWICE = 1.5
+"""Counts by which a column in counts may differ from one that is rounded as well."""
+
 
 def describe_column(column: Column) -> str:
     text = f"'{column.heading[:40]}'" if column.heading else f"column {column.number}"
@@ -79,16 +85,29 @@ def may_be_named(
 ) -> list[int]:
     """Return the columns that may be named for a role that no heading names: those without a role
     if there are any; the only displacement is not to become the drive, and a count of the samples
-    is neither."""
+    is neither, nor is a column again as whole numbers of its converter."""
     units = {i: find_unit_key(columns[i].unit) for i in of}
     may = [i for i in of if not says_neither(columns[i].heading, units[i]) and roles[i][0] != "t"]
     may = [i for i in may if not counts_samples(columns[i].values)]
     may = [i for i in may if moves(columns[i])] or may
+    may = [i for i in may if not any(_in_counts(c, columns[i]) for c in columns[:i])] or may
     measured = [i for i in may if roles[i][0] == "y"]
     if role == "u" and len(measured) == 1:
         may.remove(measured[0])
     named = [i for i in of if says_role(columns[i].heading, role)]  # "Drive (%)"
     return [i for i in may if not roles[i][0]] or may or named
+
+
+def _in_counts(column: Column, other: Column) -> bool:
+    """Return whether another column gives the same in whole numbers."""
+    x, y = (np.asarray(c.values, dtype=np.float64) for c in (column, other))
+    both = np.isfinite(x) & np.isfinite(y)
+    if both.sum() < MANY or np.any(y[both] != np.round(y[both])) or not np.any(x[both] % 1.0):
+        return False
+    if np.ptp(y[both]) < FEWEST_COUNTS:  # any curve follows so few
+        return False
+    slope, offset = np.polyfit(x[both], y[both], 1)
+    return bool(np.max(np.abs(slope * x[both] + offset - y[both])) <= ROUNDED_TWICE)
 
 
 def lacking_columns(columns: Sequence[Column], left: Sequence[int], roles: Sequence[str]) -> str:
