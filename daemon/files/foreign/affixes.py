@@ -115,10 +115,10 @@ def _split(line: str, separator: str | None) -> list[re.Match[str]]:
 
 def without_words(
     lines: Sequence[str], places: Sequence[int], split: Callable[[str], list[str]], separator: str
-) -> list[str] | None:
+) -> tuple[list[str], list[list[str]], list[int]] | None:
     """Return the lines of a table with its columns of words emptied, such as the status next to
-    each channel; None if it has no such columns, or fewer than two columns of numbers. places: of
-    the lines that are not empty."""
+    each channel, its rows as they were, and which columns these are; None if it has no such
+    columns, or fewer than two columns of numbers. places: of the lines that are not empty."""
     rows = [split(lines[i]) for i in places]
     sizes = [len(row) for row in rows]
     width = max(set(sizes), key=sizes.count)
@@ -136,7 +136,8 @@ def without_words(
             return line
         return _join(["-" if j in words else cell for j, cell in enumerate(row)], separator)
 
-    return [*lines[:first], *map(emptied, lines[first:])]
+    rows = [row for i, row in table if i >= first]
+    return [*lines[:first], *map(emptied, lines[first:])], rows, words
 
 
 def _join(cells: Sequence[str], separator: str) -> str:

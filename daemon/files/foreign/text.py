@@ -38,7 +38,7 @@ from dehyst.daemon.files.foreign.grid import (
     sheet_of,
 )
 from dehyst.daemon.files.foreign.headings import ways_to_split
-from dehyst.daemon.files.foreign.long import refuse_next_variable
+from dehyst.daemon.files.foreign.long import refuse_long, refuse_next_variable
 from dehyst.daemon.files.foreign.lvm import is_lvm, read_lvm
 from dehyst.daemon.files.foreign.paired import name_pairs
 from dehyst.daemon.files.foreign.roles import role_of
@@ -215,7 +215,10 @@ def _understand_words(
                 return understand_text(name, "\n".join(plain[0]), above, one, decimal, plain[1])
             emptied = without_words(lines, places, splitter(one), one)
             if emptied is not None:
-                return understand_text(name, "\n".join(emptied), above, one, decimal)
+                whole, rows, words = emptied
+                numeric = [j not in words for j in range(len(rows[0]))]
+                refuse_long(name, rows, numeric, [""] * len(numeric))
+                return understand_text(name, "\n".join(whole), above, one, decimal)
     shown = places[len(places) // 2]
     if number_of(lines[shown].strip(), decimal) is not None:
         raise BadRecording(

@@ -143,6 +143,18 @@ def test_drive_and_displacement_in_rows_of_their_own_are_refused_as_such(tmp_pat
     assert "bring them to one column of times first" in said
 
 
+def test_variables_that_a_monitor_writes_in_turn_are_refused_as_such(tmp_path: Path) -> None:
+    """As EPICS' camonitor writes them."""
+    stamps = [f"{BEGIN + timedelta(milliseconds=5 * i):%Y-%m-%d %H:%M:%S.%f}" for i in range(N)]
+    both = [
+        f"STAGE:{name} {stamp} {x}"
+        for stamp, *pair in zip(stamps, U, Y, strict=True)
+        for name, x in zip(("DRV", "POS"), pair, strict=True)
+    ]
+    said = asked(write(tmp_path / "a.txt", [], both))
+    assert "names the channel of each row in turn ('STAGE:DRV', 'STAGE:POS')" in said
+
+
 def test_an_envelope_is_refused_and_samples_with_rounded_times_are_not(tmp_path: Path) -> None:
     """At twice the rate of its times a real signal falls in half of the pairs."""
     head = ["time (s),drive (V),position (um)"]

@@ -75,6 +75,11 @@ CHANGES = room(
         "no usable row is left, and nobody says why",
     ),
     Change(
+        "variables-in-turn-are-one", f"{FOREIGN}/text.py",
+        '                refuse_long(name, rows, numeric, [""] * len(numeric))\n', "",
+        "drive and displacement of EPICS in turn are read as one channel",
+    ),
+    Change(
         "envelope-is-samples", "daemon/files/foreign/understand.py",
         "    refuse_envelope(name, columns, chosen, reading)\n", "",
         "minimum and maximum of an instant are two samples at twice the rate",
