@@ -3,7 +3,7 @@ period."""
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from dehyst.daemon.files.foreign.fields import number_of
 from dehyst.daemon.files.foreign.found import Column
@@ -63,7 +63,10 @@ _OF_SIGNAL = re.compile(
     re.IGNORECASE,
 )
 """A factor after the name of the drive, its amplifier or the displacement: "HV amp: 15x"."""
+_BEGINS_WITH = re.compile(r"\s*[x×]?\s*([-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?)", re.IGNORECASE)
 _NUMBERS = re.compile(r"\d+(?:[.,]\d+)?(?:e[-+]?\d+)?", re.IGNORECASE)
+_PER_COUNT = re.compile(r"(?:[^\W\d_]{1,3}_?)?per_?(?:count|lsb|bit|v|volts?)", re.IGNORECASE)
+_MARKS = ("", *"._/")
 _REPEATED = re.compile(
     r"averag|cycl|repe|sampl|decim|zykl|mittel|sweep|runs|pass|loops|ramp|triang|sine|wave|burst|step",
     re.IGNORECASE,
@@ -217,11 +220,14 @@ def _own_unit(heading: str, notes: Mapping[str, str]) -> str:
     """Return the unit that is stated for an array or a number by its own name."""
     group = group_of(heading)
     own = heading[len(group) :]
-    for field in UNIT_FIELDS:  # "units.drive", "drive_unit"
-        for name in (f"{field}.{own}", f"{field}/{own}", f"{own}_{field}", f"{own}.{field}"):
-            if unit := notes.get(group + name, ""):
-                return unit
-    return ""
+    while True:  # "units.drive" or "drive_unit", in its group or one around it
+        for field in UNIT_FIELDS:
+            for name in (f"{field}.{own}", f"{field}/{own}", f"{own}_{field}", f"{own}.{field}"):
+                if unit := notes.get(group + name, ""):
+                    return unit
+        if not group:
+            return ""
+        group = group_of(group.rstrip("/."))
 
 
 def factor_beside(heading: str, notes: Mapping[str, str], is_alone: bool) -> str:
@@ -230,18 +236,21 @@ def factor_beside(heading: str, notes: Mapping[str, str], is_alone: bool) -> str
     states none. is_alone: whether no other array is in its structure."""
     group = group_of(heading)
     own = heading[len(group) :]
+    stems = [own, *{split_heading(own)[0]} - {own, ""}]  # "pos_scale" next to "pos_um"
     factor, offset = 1.0, 0.0
     for name, text in notes.items():
-        if not name.startswith(group) or name in (f"{heading}.{used}" for used in APPLIED):
+        applied = name in (f"{heading}.{used}" for used in APPLIED)
+        if not name.startswith(group) or (applied and number_of(text) is not None):
             continue
         rest = name[len(group) :]
-        beside = rest.removeprefix(own)
-        if beside != rest and beside[:1] in ("", *"._/"):
-            rest = beside[1:]
+        stem = next((s for s in stems if rest.startswith(s) and rest[len(s) :][:1] in _MARKS), "")
+        if stem:
+            rest = rest[len(stem) + 1 :]
         elif not (is_alone and group):
             continue
         field = rest.lower().replace("_", "")
-        factor = _number(text, factor) if field in FACTOR_FIELDS else factor
+        is_factor = field in FACTOR_FIELDS or _PER_COUNT.fullmatch(rest)
+        factor = _number(text, factor) if is_factor else factor
         offset = _number(text, offset) if field in ("offset", "yorg", "yorigin") else offset
     if (factor, offset) == (1.0, 0.0):
         return ""
@@ -267,11 +276,22 @@ def factor_in_words(notes: Mapping[str, str]) -> str:
     return ""
 
 
+def factor_of_all(notes: Mapping[str, str], groups: Iterable[str]) -> str:
+    """Return the number next to arrays that is called a factor and is not 1, "" if there is none:
+    "gain", "amplifier_gain". groups: of the arrays."""
+    own = {"", *groups}
+    numbers = {
+        name[len(group) :].replace("_", " "): text
+        for name, text in notes.items()
+        if (group := group_of(name)) in own and number_of(text) is not None
+    }
+    return factor_in_words(numbers)
+
+
 def _number(text: str, otherwise: float) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return otherwise
+    """Return the number with which a text begins: "20 V/V", "x20"."""
+    found = _BEGINS_WITH.match(text)
+    return float(found[1]) if found else otherwise
 
 
 def label_beside(heading: str, notes: Mapping[str, str]) -> str:
@@ -305,11 +325,17 @@ def labelled(heading: str, label: str) -> str:
     return f"{group_of(heading).rstrip('/.')}/{said[-1]}".lstrip("/")
 
 
+def _own_name(name: str) -> str:
+    """Return the last part of a path; the rate next to NWB's starting time is that of the rows."""
+    *_, before, last = ["", *re.split(r"[/.]", name)]
+    return "sampling rate" if (before, last) == ("starting_time", "rate") else last
+
+
 def period_in(notes: Mapping[str, str]) -> float:
     """Return the sampling period [s] in values by name such as {"rec.Fs": "1", "rec.Fs_unit":
     "kHz"}, 0 if none states one, or if two contradict each other."""
     cells = (
-        [re.split(r"[/.]", name)[-1], value, *filter(None, [_own_unit(name, notes)])]
+        [_own_name(name), value, *filter(None, [_own_unit(name, notes)])]
         for name, value in notes.items()
     )
     steps = [step for pair in cells if (step := stated_step(pair, "."))]

@@ -44,7 +44,8 @@ class Sheet:
     of a row in the file; factor: words of its preamble that state one, or ""; blank: by heading of
     the columns that hold no number, the first field if it begins like one; of_some: step_s is
     stated for some of the columns only; empty: for each row of empty fields between the numbers,
-    how many rows of numbers precede it; blank_lines: between the numbers."""
+    how many rows of numbers precede it; blank_lines: between the numbers; stacked: why each row has
+    the value of one channel only, or ""."""
 
     columns: list[Column]
     notes: dict[str, str] = field(default_factory=dict)
@@ -57,6 +58,7 @@ class Sheet:
     of_some: bool = False
     empty: list[int] = field(default_factory=list)
     blank_lines: int = 0
+    stacked: str = ""
 
     def __post_init__(self) -> None:
         for i, column in enumerate(self.columns):

@@ -3,8 +3,9 @@
 import re
 from collections.abc import Sequence
 
+from dehyst.daemon.files.foreign.found import Column
 from dehyst.daemon.files.foreign.headings import Row, texts_of
-from dehyst.daemon.files.foreign.roles import role_of
+from dehyst.daemon.files.foreign.roles import role_of, role_of_column
 from dehyst.models.errors import BadRecording
 
 MOST_CHANNELS, LEAST_ROUNDS = 64, 3
@@ -37,6 +38,20 @@ def refuse_long(
                 f"{name}: {headings[j] or f'column {j}'} names the channel of each row"
                 f"{' in turn' if in_turn else ''} ({them}): {_A_COLUMN_EACH}{by}"
             )
+
+
+def stacked(name: str, texts: Sequence[str], columns: Sequence[Column]) -> str:
+    """Return why an array of texts next to columns of its length shows that each row has one value,
+    "" if it does not: it names a drive and a displacement, which no column does."""
+    channels = list(dict.fromkeys(texts))[: MOST_CHANNELS + 1]
+    beside = [role_of_column(c) for c in columns if c.values.size == len(texts)]
+    named = {role_of(channel, "")[0] for channel in channels}
+    if not beside or len(channels) > MOST_CHANNELS or not {"u", "y"} <= named:
+        return ""
+    if {"u", "y"} <= set(beside):
+        return ""
+    them = ", ".join(repr(channel) for channel in channels[:4])
+    return f"{name} names the channel of each row ({them}): {_A_COLUMN_EACH}"
 
 
 def without_annotations(name: str, rows: Sequence[Row]) -> Sequence[Row]:

@@ -27,6 +27,7 @@ _TIME = {
     "time",
     "times",
     "timestamp",
+    "timestamps",
     "zeit",
     "temps",
     "tempo",
@@ -54,7 +55,7 @@ _TARGET = {
 _DRIVE = {
     "u", "drive", "input", "driving", "applied", "excitation", "actuation", "ansteuerung", "hv",
     "command", "control", "vin", "uin", "vout", "uout", "actuator", "amplifier", "eingang",
-    "stimulus", "generator", "awg",
+    "stimulus", "generator", "awg", "source",
 }  # fmt: skip
 _DRIVES = {"u", "drive", "hv", "vin", "uin", "vout", "uout"}
 """Words of a drive that are not those of a controller, whose set points are displacements."""
@@ -72,12 +73,13 @@ _DISPLACEMENT = {
     "y", "displacement", "displ", "disp", "position", "pos", "weg", "auslenkung", "verschiebung",
     "stellweg", "sensor", "gauge", "elongation", "extension", "deflection", "stroke", "measured",
     "interferometer", "strain", "sgs", "capacitive", "vibrometer", "lvdt", "encoder", "deformation",
-    "tilt", "angle", "output", "response", "ausgang", "dehnung", "position_measured", "travel",
+    "tilt", "angle", "output", "response", "reading", "ausgang", "dehnung", "position_measured",
+    "travel",
     "déplacement", "spostamento", "desplazamiento", "deslocamento", "verplaatsing", "förskjutning",
     "forskydning", "forskyvning", "siirtymä", "posizione", "posición", "posição", "positie",
     "смещение", "перемещение", "μετατόπιση", "výchylka", "przemieszczenie", "位移", "変位", "변위",
 }  # fmt: skip
-_EITHER = {"measured", "output", "response", "ausgang"}
+_EITHER = {"measured", "output", "response", "ausgang", "reading"}
 """Words that stand for a displacement unless a voltage is named next to them."""
 _IN = {"input", "inputs", "in", "eingang", "vin", "uin"}
 _OUT = {"output", "outputs", "out", "ausgang", "vout", "uout"}
@@ -95,6 +97,7 @@ _NEITHER = {
     "residuals",
 }  # fmt: skip
 """Words of what is neither drive nor displacement, such as the prediction of a model."""
+_OF_EVERY_CHANNEL = {"value", "values", "val", "data"}
 _ROW = {
     "", "index", "idx", "no", "nr", "n", "row", "sample", "samples", "point", "sequence", "seq",
     "scan",
@@ -134,9 +137,16 @@ def unit_of_column(column: Column) -> str:
     return find_unit_key(column.unit) or split_heading(column.heading)[1]
 
 
+def own_part(heading: str) -> str:
+    """Return a path without a last name that every channel has: "PIEZO:POS-RB/value"."""
+    before, mark, last = heading.rpartition("/")
+    return before if mark and last.lower() in _OF_EVERY_CHANNEL else heading
+
+
 def role_of(heading: str, unit: str) -> tuple[str, int]:
     """Return (t, u, y, target or "", confidence). unit: its key in UNITS if the file gives the unit
     apart from the heading."""
+    heading = own_part(heading)
     last = heading.rpartition("/")[2][:LONGEST_HEADING]
     if plain := _PLAIN.fullmatch(last.rpartition(".")[2]):
         return plain[1] or plain[2], PLAIN

@@ -13,8 +13,9 @@ from dehyst.models.recording import Floats
 
 _UNIT_BEHIND = r"(?:(?:\s*[\[(/]|\s)\s*([^\])]*?)\s*[\])]?)?"
 _STEP = re.compile(
-    r"(?:sampl(?:e|ing) ?(?:interval|period|time)|time ?step|x ?inc(?:rement)?|delta [xt]|increment"
-    r"|dt|ts|abtastintervall|abtastzeit|采样(?:间隔|周期)|サンプリング(?:間隔|周期)"
+    r"(?:sampl(?:e|ing) ?(?:interval|period|time)|time ?step|t ?interval|x ?inc(?:rement)?"
+    r"|delta [xt]|increment|dt|ts|abtastintervall|abtastzeit|采样(?:间隔|周期)"
+    r"|サンプリング(?:間隔|周期)"
     r"|(?:период|интервал) дискретизации)" + _UNIT_BEHIND,
     re.IGNORECASE,
 )

@@ -88,6 +88,8 @@ def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[st
         raise BadRecording(
             f"{name}: holds no column of numbers: write times, drive and displacement as one each"
         )
+    if found.stacked:
+        raise BadRecording(f"{name}: {found.stacked}")
     columns = _without_row_numbers(found.columns, reading)
     if not (reading.rate_hz or "t" in reading.columns):
         columns = join_clocks(columns)

@@ -13,6 +13,7 @@ from tests.mutations.rooms import (
     files,
     files_above,
     files_containers,
+    files_stated,
     files_unsaid,
     first_hour,
     gate,
@@ -48,7 +49,11 @@ ROOMS = {
     "checks": checks.CHANGES,
     "clients": clients.CHANGES,
     "drivers": drivers.CHANGES,
-    "files": files.CHANGES + files_above.CHANGES + files_unsaid.CHANGES + files_containers.CHANGES,
+    "files": files.CHANGES
+    + files_above.CHANGES
+    + files_containers.CHANGES
+    + files_stated.CHANGES
+    + files_unsaid.CHANGES,
     "first_hour": first_hour.CHANGES,
     "hysteresis": hysteresis.CHANGES,
     "inverse": inverse.CHANGES,

@@ -1195,7 +1195,7 @@ CHANGES += room(
         "ms is said to be no known unit of time",
     ),
     Change(
-        "exponent-is-a-factor", f"{FOREIGN}/beside.py", "(?:e[-+]?\\d+)?", "",
+        "exponent-is-a-factor", f"{FOREIGN}/beside.py", "[.,]\\d+)?(?:e[-+]?\\d+)?", "[.,]\\d+)?",
         "a gain of 1.0E+00 is asked about",
     ),
     Change(

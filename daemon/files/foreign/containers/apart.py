@@ -136,6 +136,7 @@ def main(source: str, target: str) -> None:
         "of_some": found.of_some,
         "start_s": found.start_s,
         "factor": text_of(found.factor),
+        "stacked": text_of(found.stacked),
         "said": [text_of(text) for text in found.said],
         "blank": {text_of(heading): text_of(text) for heading, text in found.blank.items()},
     }

@@ -11,6 +11,7 @@ import numpy as np
 from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS
 from dehyst.daemon.files.foreign.beside import (
     factor_beside,
+    factor_of_all,
     group_of,
     label_beside,
     labelled,
@@ -27,10 +28,13 @@ from dehyst.daemon.files.foreign.epochs import epoch_unit, is_rising
 from dehyst.daemon.files.foreign.fields import moment_of, number_of
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet, text_of
 from dehyst.daemon.files.foreign.headings import apart
+from dehyst.daemon.files.foreign.long import stacked
 from dehyst.daemon.files.foreign.roles import role_of_column
 from dehyst.daemon.files.foreign.units import LONGEST_HEADING
 from dehyst.models.errors import BadRecording
 
+FEWEST_ROWS = 60
+"""Rows of a recording that can be identified; fewer next to many are a calibration."""
 MOST_WIDE = 64  # columns of one two-dimensional array
 MOST_DEEP = 16
 MOST_NOTE = 200
@@ -45,6 +49,7 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
     left: list[str] = []
     solid: list[str] = []  # of more than two dimensions
     lists: dict[str, list[str]] = {}
+    words: dict[str, list[str]] = {}
     wide: list[tuple[Given, list[Column]]] = []
     given, blocks = joined_blocks([replace(one, values=_as_array(one.values)) for one in arrays])
     for one in given:
@@ -56,6 +61,7 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
             kept[name] = texts[0][:MOST_NOTE]
         elif texts and not (written := _written_in(name, texts)):
             left.append(name)
+            words[name] = texts
             lists[name] = [text.strip() for text in texts[:MOST_WIDE]]
             kept[name] = ", ".join(texts[:MOST_WIDE])[:MOST_NOTE]
         elif texts:
@@ -76,17 +82,21 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
     for column in columns:
         column.unit = column.unit or unit_beside(column.heading, kept)
         column.unit = column.unit or unit_in_lists(column.heading, lists)
-    timing = notes_of_time(kept)
+    timing, factors = notes_of_time(kept), 0
     for one, of in wide:
         group = group_of(one.name)
         is_alone = sum(group_of(other.name) == group for other, _ in wide) == 1
         factor = factor_beside(one.name, kept, is_alone)
+        factors += bool(factor)
         _name(one, of, columns, lists, kept)
         for column in of:
             column.unit = f"{column.unit}{factor}".strip()
             column.wave = one.wave or wave_beside(one.name, timing)
     step_s, of_some = period_of_all(timing, [one.name for one, _ in wide])
     found = Sheet(columns, kept, step_s, of_some=of_some)
+    found.stacked = next(filter(None, (stacked(k, v, columns) for k, v in words.items())), "")
+    if not factors and not all(c.unit for c in columns if role_of_column(c) in ("u", "y")):
+        found.factor = factor_of_all(kept, {group_of(one.name) for one, _ in wide})
     used = {name for name, texts in lists.items() if any(len(texts) == len(of) for _, of in wide)}
     if solid:
         found.said.append(
@@ -164,9 +174,9 @@ def of_one_length(
     runs = sorted(size for size in sizes if {"u", "y"} <= roles[size])
     if len(runs) > 1 and not of_wanted:
         them = ", ".join(f"{size} rows ('{_of_size(found, size)['u'].heading}')" for size in runs)
+        whole = next((size for size in runs if size >= FEWEST_ROWS), runs[0])
         option = ",".join(
-            f'{role}="{column.heading}"'
-            for role, column in sorted(_of_size(found, runs[0]).items())
+            f'{role}="{column.heading}"' for role, column in sorted(_of_size(found, whole).items())
         )
         raise BadRecording(
             f"{name}: it holds several runs, of {them}: name the columns of one, such as --columns "
@@ -187,6 +197,14 @@ def of_one_length(
         return {"t", "u"} <= roles[n], len(roles[n]), counts[n] > 1, n
 
     size = max(of_wanted or sizes, key=holds)
+    longer = [c for c in found.columns if c.values.size == max(sizes) and role_of_column(c) != "t"]
+    if not of_wanted and size < FEWEST_ROWS <= max(sizes) and len(longer) > 1:
+        short = next(c.heading[:40] for c in found.columns if c.values.size == size)
+        raise BadRecording(
+            f"{name}: '{short}' and its like have only {size} rows, other columns {max(sizes)}: "
+            "name those of the recording, such as --columns "
+            f'u="{longer[0].heading}",y="{longer[1].heading}"'
+        )
     left = [c for c in found.columns if c.values.size != size]
     found.columns = [c for c in found.columns if c.values.size == size]
     rows = sorted({c.values.size for c in left})

@@ -1,9 +1,11 @@
 """Read what libraries keep as attributes or properties of a dataset, a group or a channel."""
 
+import math
 from typing import Any
 
 import numpy as np
 
+from dehyst.daemon.files.foreign.fields import number_of
 from dehyst.daemon.files.foreign.found import text_of
 from dehyst.daemon.files.foreign.units import TIME, UNITS, find_unit_key
 
@@ -55,16 +57,23 @@ def _number_in(attributes: Any, *names: str) -> float | None:
         value = np.asarray(attributes.get(name, ""))
         if value.size == 1 and value.dtype.kind in "iuf":
             return float(value.reshape(-1)[0])
+        number = number_of(text_in(attributes, name))  # written as a text
+        if number is not None and math.isfinite(number):
+            return number
     return None
 
 
 def as_scaled(attributes: Any, values: Any) -> tuple[str, Any]:
     """Return (unit, values) of a dataset as the CF conventions unpack it: `_FillValue` is missing,
-    and the rest times `scale_factor` plus `add_offset`."""
+    and the rest times `scale_factor` plus `add_offset`; `_Unsigned` numbers were written with a
+    sign, because the format had no others."""
     unit = unit_in(attributes)
     if values.dtype.kind not in "iuf":
         return unit, values
     missing = [_number_in(attributes, name) for name in ("_FillValue", "missing_value")]
+    if values.dtype.kind == "i" and text_in(attributes, "_Unsigned").lower() == "true":
+        values = values.view(values.dtype.str.replace("i", "u"))
+        missing = [m if m is None else m % 2.0 ** (8 * values.dtype.itemsize) for m in missing]
     factor, offset = (_number_in(attributes, name) for name in ("scale_factor", "add_offset"))
     known = [value for value in missing if value is not None and np.any(values == value)]
     if known or factor is not None or offset is not None:
