@@ -38,6 +38,8 @@ AT_THE_RIGHT = {
 """Headings of fields at the end of a line, which most lines of numbers omit."""
 _BLANKS = re.compile(r"(?<!/)\s+(?![\[({</])(?![^\[({]*[\])}])")
 """Blanks between two names: neither before a bracket nor in it, nor next to a lone slash."""
+_WITH_VALUE = re.compile(r"\A(CH\d):\s*[-+]?[\d.]+\Z", re.IGNORECASE)
+"""A channel with its offset or scale, in the last of a Siglent's lines above the units."""
 _BRACKETED = re.compile(r"[\[({<].*[\])}>]")
 
 
@@ -125,6 +127,7 @@ def find_names(
     if best is None:
         return Named([""] * numbers.width, [""] * numbers.width)
     line, header = near[best]
+    header = [_WITH_VALUE.sub(r"\1", cell) for cell in header]
     header = _completed(header, near[best - 1][1] if best else [], numbers.width)
     below = [""] if units is None else near[units][1]
     width = max(numbers.width, len(header))

@@ -46,9 +46,8 @@ def stacked(name: str, texts: Sequence[str], columns: Sequence[Column]) -> str:
     channels = list(dict.fromkeys(texts))[: MOST_CHANNELS + 1]
     beside = [role_of_column(c) for c in columns if c.values.size == len(texts)]
     named = {role_of(channel, "")[0] for channel in channels}
-    if not beside or len(channels) > MOST_CHANNELS or not {"u", "y"} <= named:
-        return ""
-    if {"u", "y"} <= set(beside):
+    repeated = LEAST_ROUNDS * len(channels) <= len(texts) and len(channels) <= MOST_CHANNELS
+    if not (beside and repeated and {"u", "y"} <= named) or {"u", "y"} <= set(beside):
         return ""
     them = ", ".join(repr(channel) for channel in channels[:4])
     return f"{name} names the channel of each row ({them}): {_A_COLUMN_EACH}"

@@ -106,6 +106,13 @@ def test_channels_with_their_unit_and_the_period_next_to_them(tmp_path: Path) ->
     np.testing.assert_allclose(found.t_s - found.t_s[0], T, atol=1e-9)
 
 
+def test_the_offset_of_a_channel_is_no_part_of_its_name(tmp_path: Path) -> None:
+    head = ["Vertical Scale,CH1: 20.0,CH2: 2.0", "Vertical Offset,CH1:-50.0,CH2:-4.0"]
+    path = write(tmp_path / "a.csv", [*head, "Second,Volt,Volt"], T, U, Y)
+    assert "--columns u=CH1,y=CH2" in asked(path)
+    np.testing.assert_allclose(read(path, "u=CH1,y=CH2").drive, U)
+
+
 def test_the_converter_of_a_scope_counts(tmp_path: Path) -> None:
     """GW Instek writes whole numbers of the converter in its fast mode, and volts above them."""
     of = {"Memory Length": "400", "Source": "CH1", "Vertical Units": "V", "Mode": "Fast"}

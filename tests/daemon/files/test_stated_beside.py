@@ -150,6 +150,15 @@ def test_names_of_channels_in_rows_are_refused_as_such(tmp_path: Path, blocks: b
     assert "topic names the channel of each row ('lab/" in said
 
 
+def test_a_list_of_names_next_to_a_list_of_numbers_is_no_row_of_channels(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["names"] = ["Voltage", "Position", "Time"]
+        file["offsets"] = [0.0, 0.5, 0.25]
+        file["data"] = np.stack([U, Y, T], axis=1)
+    assert "names the channel of each row" not in asked(tmp_path / "a.h5")
+
+
 def test_a_source_drives_and_a_reading_measures(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     body = "\n".join(f"{t},{y},{u}" for t, u, y in zip(T, U, Y, strict=True))
