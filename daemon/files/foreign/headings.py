@@ -165,7 +165,8 @@ def _without_label(cells: list[str]) -> list[str]:
 def _near_or_labelled(rows: Sequence[tuple[int, Row]], numbers: Numbers) -> list[tuple[int, Row]]:
     """Return the lines among which names and units are looked for: those directly above the
     numbers, and those that a label in front of an empty column marks, as Yokogawa writes them."""
-    rows = [line for line in rows if not _is_property(line[1])]
+    plain = [line for line in rows if not _is_property(line[1])]
+    rows = plain if any(_known(texts_of(row)) > 1 for _, row in plain) else rows
     further = [line for line in rows[:-LINES_ABOVE] if _is_labelled(line[1])]
     return [*(further if numbers.first_empty else []), *rows[-LINES_ABOVE:]]
 

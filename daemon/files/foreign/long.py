@@ -40,7 +40,7 @@ def refuse_long(
             )
 
 
-def stacked(name: str, texts: Sequence[str], columns: Sequence[Column]) -> str:
+def describe_channel_rows(name: str, texts: Sequence[str], columns: Sequence[Column]) -> str:
     """Return why an array of texts next to columns of its length shows that each row has one value,
     "" if it does not: it names a drive and a displacement, which no column does."""
     channels = list(dict.fromkeys(texts))[: MOST_CHANNELS + 1]

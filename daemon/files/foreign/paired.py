@@ -10,7 +10,7 @@ from itertools import zip_longest
 
 from dehyst.daemon.files.foreign.fields import number_of
 
-HEAD = 60
+HEAD, LOOKED_AT = 60, 1000
 OF_SCOPE = {"Memory Length", "Source", "Sampling Period"}
 """Labels above the numbers of GW Instek's oscilloscopes; others depend on the model."""
 _STEP = re.compile(r"SampleTime\s*\[(\w+)\]")
@@ -96,8 +96,8 @@ def _name_sources(lines: list[str]) -> None:
         return
     of = {label: _values(rows[i]) for label, i in place.items()}
     mode = next(iter(of.get("Mode", [])), "").lower()
-    cells = ",".join(line for line in lines[first:] if line.strip()).split(",")
-    if mode == "fast" and all(cell.strip().lstrip("-").isdigit() for cell in cells if cell.strip()):
+    cells = re.findall(r"[^\s,]+", " ".join(lines[first : first + LOOKED_AT]))
+    if mode == "fast" and all(cell.lstrip("+-").isdigit() for cell in cells):
         of["Vertical Units"] = ["counts"] * len(of["Source"])  # of the converter, not yet in volts
     pairs = zip_longest(of["Source"], of.get("Vertical Units", []), fillvalue="")
     names = [f"{source} [{unit}]".removesuffix(" []") for source, unit in pairs]

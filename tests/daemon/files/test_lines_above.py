@@ -49,6 +49,11 @@ def test_metadata_below_the_names_is_not_taken_for_them(
     np.testing.assert_allclose(found.channels["target_um"], WANTED)
 
 
+def test_names_that_begin_with_their_device_are_names(tmp_path: Path) -> None:
+    head = ["Rig: Time (s),Rig: Voltage (V),Rig: Position (um)"]
+    is_it(read(write(tmp_path / "a.csv", head, T, U, Y)))
+
+
 def test_a_line_that_is_labelled_as_the_names_goes_before_other_words(tmp_path: Path) -> None:
     head = [
         "Kanalname\tZeit\tSollwert\tPiezospannung\tWeg", "Datum" + 4 * "\t02.05.2024",

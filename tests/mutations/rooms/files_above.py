@@ -10,8 +10,14 @@ CHANGES = room(
     ("tests/daemon/files/test_lines_above.py",),
     Change(
         "metadata-are-names", HEADINGS,
-        "rows = [line for line in rows if not _is_property(line[1])]", "rows = [*rows]",
+        "plain = [line for line in rows if not _is_property(line[1])]", "plain = [*rows]",
         "the set-point of a recording from Simulink is read as its displacement",
+    ),
+    Change(
+        "names-with-one-prefix-are-metadata", HEADINGS,
+        "rows = plain if any(_known(texts_of(row)) > 1 for _, row in plain) else rows",
+        "rows = plain",
+        "columns that begin with the name of their device have no names",
     ),
     Change(
         "labelled-names-overlooked", HEADINGS, '"kanalname",\n', '"kanalnummer",\n',

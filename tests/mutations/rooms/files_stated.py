@@ -49,7 +49,7 @@ CHANGES = room(
     ),
     Change(
         "channels-in-rows-of-json", f"{CONTAINERS}/arrays.py",
-        "(stacked(k, v, columns) for k, v in words.items())", '("" for k in words)',
+        "(describe_channel_rows(k, v, columns) for k, v in words.items())", '("" for k in words)',
         "all values of a log are advised as the drive",
     ),
     Change(

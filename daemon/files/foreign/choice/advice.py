@@ -24,9 +24,10 @@ from dehyst.daemon.files.foreign.roles import (
 )
 from dehyst.daemon.files.foreign.units import ANGLE, LENGTH, VOLTAGE, find_unit_key, split_heading
 
-MANY = 16
+LEAST_COMMON_ROWS = 16
 """Rows in which two columns must agree to be the same but for their unit."""
 FEWEST_COUNTS = 20
+"""Range below which any curve follows a straight line within the rounding."""
 ROUNDED_TWICE = 1.5
 """Counts by which a column in counts may differ from one that is rounded as well."""
 
@@ -102,12 +103,13 @@ def _in_counts(column: Column, other: Column) -> bool:
     """Return whether another column gives the same in whole numbers."""
     x, y = (np.asarray(c.values, dtype=np.float64) for c in (column, other))
     both = np.isfinite(x) & np.isfinite(y)
-    if both.sum() < MANY or np.any(y[both] != np.round(y[both])) or not np.any(x[both] % 1.0):
+    x, y = x[both], y[both]
+    if x.size < LEAST_COMMON_ROWS or np.any(y != np.round(y)) or not np.any(x % 1.0):
         return False
-    if np.ptp(y[both]) < FEWEST_COUNTS:  # any curve follows so few
+    if np.ptp(y) < FEWEST_COUNTS:
         return False
-    slope, offset = np.polyfit(x[both], y[both], 1)
-    return bool(np.max(np.abs(slope * x[both] + offset - y[both])) <= ROUNDED_TWICE)
+    slope, offset = np.polyfit(x, y, 1)
+    return bool(np.max(np.abs(slope * x + offset - y)) <= ROUNDED_TWICE)
 
 
 def lacking_columns(columns: Sequence[Column], left: Sequence[int], roles: Sequence[str]) -> str:

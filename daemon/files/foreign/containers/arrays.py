@@ -28,7 +28,7 @@ from dehyst.daemon.files.foreign.epochs import epoch_unit, is_rising
 from dehyst.daemon.files.foreign.fields import moment_of, number_of
 from dehyst.daemon.files.foreign.found import Column, Given, Sheet, text_of
 from dehyst.daemon.files.foreign.headings import apart
-from dehyst.daemon.files.foreign.long import stacked
+from dehyst.daemon.files.foreign.long import describe_channel_rows
 from dehyst.daemon.files.foreign.roles import role_of_column
 from dehyst.daemon.files.foreign.units import LONGEST_HEADING
 from dehyst.models.errors import BadRecording
@@ -94,7 +94,8 @@ def found_in(arrays: Iterable[Given], notes: Mapping[str, str]) -> Sheet:
             column.wave = one.wave or wave_beside(one.name, timing)
     step_s, of_some = period_of_all(timing, [one.name for one, _ in wide])
     found = Sheet(columns, kept, step_s, of_some=of_some)
-    found.stacked = next(filter(None, (stacked(k, v, columns) for k, v in words.items())), "")
+    why_stacked = (describe_channel_rows(k, v, columns) for k, v in words.items())
+    found.stacked = next(filter(None, why_stacked), "")
     if not factors and not all(c.unit for c in columns if role_of_column(c) in ("u", "y")):
         found.factor = factor_of_all(kept, {group_of(one.name) for one, _ in wide})
     used = {name for name, texts in lists.items() if any(len(texts) == len(of) for _, of in wide)}
