@@ -247,8 +247,12 @@ def band(bars: Bars) -> None:
                 shares.append(np.mean(e <= width))
                 errors.append(cases.rms(e))
             widths.append(width)
+        if not widths:
+            print(f"{name}: no model states a band", flush=True)
+            continue
         print(f"{name}: band {NM * np.mean(widths):.1f} nm, error {NM * cases.rms(errors):.1f} nm "
-              f"rms, {np.mean(shares):.1%} of all instants within", flush=True)  # fmt: skip
+              f"rms, {np.mean(shares):.1%} of all instants within, {len(widths)} of 12 models",
+              flush=True)  # fmt: skip
     print(f"{np.mean(hits):.1%} of {len(hits)} instants by chance within the band")
     print(f"{unstated} of 60 models state none")
     bars.least("instants within the band, %", 100 * float(np.mean(hits)), 90.0)
