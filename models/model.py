@@ -93,7 +93,7 @@ class Validity:
     slowest_s: float | None = None
 
 
-MOSTLY_NOISE = 0.875  # of the power: intervals then held for 73 of 79 waveforms, with 0.75 90 of 105
+MOSTLY_NOISE = 0.875  # of the power: 73 of 79 intervals then held, with 0.75 90 of 105
 
 
 @dataclass(frozen=True)
