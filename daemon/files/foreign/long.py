@@ -1,4 +1,4 @@
-"""Refuse text in which the channels stand one below the other, in rows of their own."""
+"""Refuse files in which the channels stand one below the other, in rows of their own."""
 
 import re
 from collections.abc import Sequence
@@ -32,12 +32,14 @@ def refuse_long(
         )
         channels = list(dict.fromkeys(texts))[:MOST_CHANNELS]
         if in_turn or (valued and all(role_of(text, "")[0] for text in channels)):
-            them = ", ".join(repr(text) for text in channels[:4])
-            by = _BY_FLUX if headings[j] == "_field" else ""
-            raise BadRecording(
-                f"{name}: {headings[j] or f'column {j}'} names the channel of each row"
-                f"{' in turn' if in_turn else ''} ({them}): {_A_COLUMN_EACH}{by}"
-            )
+            where, by = headings[j] or f"column {j}", _BY_FLUX if headings[j] == "_field" else ""
+            how = " in turn" if in_turn else ""
+            raise BadRecording(f"{name}: {_name_channels_of_rows(where, channels, how)}{by}")
+
+
+def _name_channels_of_rows(where: str, channels: Sequence[str], how: str = "") -> str:
+    them = ", ".join(repr(channel) for channel in channels[:4])
+    return f"{where} names the channel of each row{how} ({them}): {_A_COLUMN_EACH}"
 
 
 def describe_channel_rows(name: str, texts: Sequence[str], columns: Sequence[Column]) -> str:
@@ -49,8 +51,7 @@ def describe_channel_rows(name: str, texts: Sequence[str], columns: Sequence[Col
     repeated = LEAST_ROUNDS * len(channels) <= len(texts) and len(channels) <= MOST_CHANNELS
     if not (beside and repeated and {"u", "y"} <= named) or {"u", "y"} <= set(beside):
         return ""
-    them = ", ".join(repr(channel) for channel in channels[:4])
-    return f"{name} names the channel of each row ({them}): {_A_COLUMN_EACH}"
+    return _name_channels_of_rows(name, channels)
 
 
 def without_annotations(name: str, rows: Sequence[Row]) -> Sequence[Row]:

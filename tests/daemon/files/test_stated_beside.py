@@ -10,6 +10,8 @@ import pytest
 from scipy.io import netcdf_file, savemat
 from tests.rigs.foreign_files import asked, read
 
+from dehyst.daemon.files.foreign.containers.arrays import FEWEST_ROWS
+from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Recording
 
 pytestmark = pytest.mark.processes
@@ -101,6 +103,10 @@ def test_a_factor_next_to_arrays_is_asked_about(tmp_path: Path, name: str) -> No
 def test_a_number_that_is_no_factor_of_a_signal_is_not_asked_about(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {**TIMED, "pid_gain": 20.0, "cycles": 3.0})
     is_it(read(tmp_path / "a.mat"))
+
+
+def test_a_recording_has_as_many_rows_as_identification_needs() -> None:
+    assert TUNING.fewest_rows == FEWEST_ROWS
 
 
 def test_a_short_calibration_is_not_the_recording(tmp_path: Path) -> None:

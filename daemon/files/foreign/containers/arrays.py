@@ -34,7 +34,7 @@ from dehyst.daemon.files.foreign.units import LONGEST_HEADING
 from dehyst.models.errors import BadRecording
 
 FEWEST_ROWS = 60
-"""Rows of a recording that can be identified; fewer next to many are a calibration."""
+"""Rows from which a model can be identified; fewer next to many are a calibration."""
 MOST_WIDE = 64  # columns of one two-dimensional array
 MOST_DEEP = 16
 MOST_NOTE = 200
