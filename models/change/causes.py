@@ -20,7 +20,8 @@ from dehyst.models.diagnosis.search import search_one_more
 from dehyst.models.errors import BadInput
 from dehyst.models.identify.validation import validate
 from dehyst.models.model import Model
-from dehyst.models.physics import changes_alone, with_blocks
+from dehyst.models.physics import changes_alone, list_candidates, with_blocks
+from dehyst.models.physics.candidate import Candidate, may_be_confused
 from dehyst.models.recording import Recording
 
 SHORTLIST = 6
@@ -67,7 +68,17 @@ def _as_cause(model: Model, problem: Problem, trial: CandidateTrial) -> Cause:
     amplitudes = fit.amplitudes_of(effect)
     blocks = one.blocks(effect.theta, amplitudes, problem.data)
     says = one.describe(one.values(effect.theta, amplitudes))
-    return Cause(one.name, one.place, says, with_blocks(model, blocks), one.confused_with)
+    alike = _names_confused_with(one, list_candidates(problem.data))
+    return Cause(one.name, one.place, says, with_blocks(model, blocks), alike)
+
+
+def _names_confused_with(one: Candidate, others: Sequence[Candidate]) -> tuple[str, ...]:
+    """Return the names that may be confused with an effect's name, in any of its forms, whichever
+    of the two declares it."""
+    forms = [one, *(c for c in others if c.name == one.name)]
+    names = [name for form in forms for name in form.confused_with]
+    names += [c.name for c in others for form in forms if may_be_confused(c, form)]
+    return tuple(dict.fromkeys(name for name in names if name != one.name))
 
 
 def weigh_causes(

@@ -236,6 +236,11 @@ def split_by_recording(data: Data, x: Floats) -> Floats:
     return x[:, None] * (data.rec[:, None] == np.arange(len(data.names))[None, :])
 
 
+def may_be_confused(one: Candidate, other: Candidate) -> bool:
+    """Return whether two effects look alike: confusion is mutual, whichever of them declares it."""
+    return other.name in one.confused_with or one.name in other.confused_with
+
+
 def one_per_recording(data: Data, p: Parameter) -> tuple[Parameter, ...]:
     """Return one parameter per recording: each recording has a different past."""
     return (p,) * len(data.names)

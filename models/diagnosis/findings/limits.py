@@ -23,7 +23,7 @@ from dehyst.models.diagnosis.result import Limit
 from dehyst.models.diagnosis.screen import Screen, contribution_of
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
-from dehyst.models.physics.candidate import Candidate, Probe
+from dehyst.models.physics.candidate import Candidate, Probe, may_be_confused
 from dehyst.models.signals.error_size import rms
 from dehyst.models.signals.joined import Floats
 
@@ -105,9 +105,7 @@ def _has_lookalike(c: Candidate, accepted: JointFit) -> bool:
     alike, and, if a found effect is caused by the drive, all that resembles a hysteresis of another
     shape."""
     return any(
-        c.name in e.candidate.confused_with
-        or e.candidate.name in c.confused_with
-        or (c.static and e.candidate.driven)
+        may_be_confused(c, e.candidate) or (c.static and e.candidate.driven)
         for e in accepted.effects
     )
 

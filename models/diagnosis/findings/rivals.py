@@ -9,7 +9,7 @@ from dehyst.models.diagnosis.judge import SearchState, effect_of, misfit_beyond_
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
-from dehyst.models.physics.candidate import Candidate
+from dehyst.models.physics.candidate import Candidate, may_be_confused
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def _list_confusable(found: SearchState, effect: Effect) -> list[Candidate]:
         if c.name not in (own.name, *names)
         and not c.refines
         and own.name not in c.contains
-        and (c.name in own.confused_with or own.name in c.confused_with)
+        and may_be_confused(c, own)
     ]
 
 

@@ -228,3 +228,21 @@ def test_counts_of_an_oscilloscope_are_not_volts(tmp_path: Path) -> None:
             file[f"{name}/{name} Data"] = np.round(values / 0.01).astype("i2")
             file[name].attrs.update({"XInc": 0.005, "YInc": 0.01, "YOrg": 3.0})
     assert "states 'x 0.01 + 3'" in asked(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_a_type_that_the_library_does_not_read_is_no_damage(tmp_path: Path, alone: bool) -> None:
+    """PyTables writes times in HDF5's own type, which has no equal in numpy."""
+    h5py = pytest.importorskip("h5py")
+    h5t, space = h5py.h5t, h5py.h5s.create_simple((N,))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["drive_V"], file["position_um"] = U, Y
+        kind = h5t.UNIX_D64LE
+        if not alone:
+            kind = h5t.create(h5t.COMPOUND, 16)
+            kind.insert(b"time_s", 0, h5t.UNIX_D64LE)
+            kind.insert(b"drive_V", 8, h5t.IEEE_F64LE)
+        h5py.h5d.create(file.id, b"log", kind, space)
+    says = asked(tmp_path / "a.h5")
+    assert "damaged" not in says
+    assert all(part in says for part in ("log has a type", "times", "save", "as numbers"))

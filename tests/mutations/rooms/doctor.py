@@ -137,6 +137,15 @@ CHANGES = [
             "friction is reported as the asymmetry that a refitted loop shows",
         ),
         Change(
+            "confusion-one-way", "models/change/causes.py",
+            "with_blocks(model, blocks), alike)", "with_blocks(model, blocks), one.confused_with)",
+            "friction is reported as loops that change with the rate",
+            tests=(
+                "tests/models/change/test_causes.py"
+                "::test_friction_that_a_diagnosis_takes_for_what_follows_the_rate_is_named",
+            ),
+        ),
+        Change(
             "one-change-over-a-tie", NAMING,
             "if best.new <= _explained_by(first, causes) + noise2:", "if False:",
             "the one of two equally good causes that was better by chance is named",

@@ -101,7 +101,13 @@ def read_hdf5(path: Path) -> Sheet:
             return
         if item.attrs.get("MATLAB_empty", 0) or kind == "function_handle":
             return
-        size += item.size * max(item.dtype.itemsize, 1)
+        try:
+            size += item.size * max(item.dtype.itemsize, 1)
+        except TypeError:  # the dataset, or a field of the table, has no equal in numpy
+            raise BadRecording(
+                f"{name} has a type that h5py does not read, such as HDF5's own type of times: "
+                "save its columns as numbers (PyTables: Float64Col instead of Time64Col)"
+            ) from None
         if size > MOST_BYTES:
             raise BadRecording(f"holds more than {MOST_BYTES >> 20} MB; cut it into several files")
         if h5py.check_ref_dtype(item.dtype) is h5py.Reference:
