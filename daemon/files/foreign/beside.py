@@ -20,6 +20,7 @@ from dehyst.daemon.files.foreign.units import (
 )
 
 UNIT_FIELDS = ("unit", "units", "unit_string")
+UNITS_OF_Y = ("yunit", "yunits")  # oscilloscopes' structures of one channel; x is the time
 FACTOR_FIELDS = {
     "scale", "scaling", "scalingfactor", "scalefactor", "factor", "gain", "multiplier",
     "conversion", "conversionfactor", "calibration", "calibrationfactor", "cal", "sensitivity",
@@ -74,7 +75,10 @@ _REPEATED = re.compile(
 """Words for what is done several times; a number next to one is a count, not a factor."""
 _OF_DISPLAY = re.compile(r"[mkuµμ]?V(?:olts?)? ?(?:/|per) ?div", re.IGNORECASE)
 """The scale of an oscilloscope's screen, which is not the unit of the numbers."""
-LABEL_FIELDS = ("label", "name", "title", "long_name")
+_NUMBERS_OF = re.compile(r"_?(?:data|values?)\Z", re.IGNORECASE)
+"""The end of the name of a signal's numbers, next to "OutputUnit" or "Channel_2_Header"."""
+_HEADER = re.compile(r"_(?:header|info)[./](\w+)\Z", re.IGNORECASE)
+LABEL_FIELDS = ("label", "name", "title", "long_name", "signalname")
 LONGEST_LABEL = 60
 _LISTS_NAMES = re.compile(
     r"(?!dim)(?:.*(?:name|column|head|label|field|channel|variable|item))", re.I
@@ -165,7 +169,7 @@ def unit_beside(heading: str, notes: Mapping[str, str]) -> str:
     if unit := _own_unit(heading, notes):
         return unit
     beside = _notes_beside(heading, notes)
-    stated = [beside[key] for key in UNIT_FIELDS if key in beside]
+    stated = [beside[key] for key in (*UNIT_FIELDS, *UNITS_OF_Y) if key in beside]
     stated += [split_heading(beside[key])[1] for key in LABEL_FIELDS if key in beside]
     if role_of(heading[len(group_of(heading)) :], "")[0] == "t":
         stated = [unit for unit in stated if UNITS.get(find_unit_key(unit), ("",))[0] == TIME]
@@ -220,11 +224,17 @@ def _own_unit(heading: str, notes: Mapping[str, str]) -> str:
     """Return the unit that is stated for an array or a number by its own name."""
     group = group_of(heading)
     own = heading[len(group) :]
+    names = [
+        name
+        for field in UNIT_FIELDS
+        for name in (f"{field}.{own}", f"{field}/{own}", f"{own}_{field}", f"{own}.{field}")
+    ]
+    signals = (own, _NUMBERS_OF.sub("", own))  # "OutputUnit" for "OutputData"
+    names += [f"{signal}{field}" for signal in signals if signal for field in ("Unit", "Units")]
     while True:  # "units.drive" or "drive_unit", in its group or one around it
-        for field in UNIT_FIELDS:
-            for name in (f"{field}.{own}", f"{field}/{own}", f"{own}_{field}", f"{own}.{field}"):
-                if unit := notes.get(group + name, ""):
-                    return unit
+        for name in names:
+            if unit := notes.get(group + name, ""):
+                return unit
         if not group:
             return ""
         group = group_of(group.rstrip("/."))
@@ -294,22 +304,36 @@ def _number(text: str, otherwise: float) -> float:
     return float(found[1]) if found else otherwise
 
 
-def label_beside(heading: str, notes: Mapping[str, str]) -> str:
-    """Return the name that a structure states for its only array, "" if it states none:
-    "signals.0.label" for "signals.0.values"."""
-    beside = _notes_beside(heading, notes)
+def label_beside(heading: str, notes: Mapping[str, str], is_alone: bool) -> str:
+    """Return the name that a file states for an array in the header next to it, or in its structure
+    if no other array is there: "signals.0.label" for "signals.0.values"; "" if it states none."""
+    beside = _header_of(heading, notes) or (_notes_beside(heading, notes) if is_alone else {})
     return next((beside[key] for key in LABEL_FIELDS if beside.get(key)), "")
 
 
 def _notes_beside(heading: str, notes: Mapping[str, str]) -> dict[str, str]:
-    """Return the texts in the structure of an array, by their own names; {} for one that is itself
-    a unit, or in no structure."""
+    """Return the texts in the header next to an array, or in its structure, by their own names; {}
+    for one that is itself a unit, or has neither."""
     group = group_of(heading)
-    if not group or heading[len(group) :].lower() in UNIT_FIELDS:
+    if heading[len(group) :].lower() in UNIT_FIELDS:
         return {}
+    header = _header_of(heading, notes)
+    if not group or header:
+        return header
     return {
         name[len(group) :].lower(): text for name, text in notes.items() if name.startswith(group)
     }
+
+
+def _header_of(heading: str, notes: Mapping[str, str]) -> dict[str, str]:
+    """Return the texts of the header next to an array, by their own names: those of
+    "Channel_2_Header" for "Channel_2_Data"."""
+    signal = _NUMBERS_OF.sub("", heading)
+    if signal in (heading, group_of(heading)):
+        return {}
+    own = (name for name in notes if name.startswith(signal))
+    found = {name: _HEADER.fullmatch(name, len(signal)) for name in own}
+    return {field[1].lower(): notes[name] for name, field in found.items() if field}
 
 
 def labelled(heading: str, label: str) -> str:

@@ -128,6 +128,40 @@ def test_units_in_a_structure_of_their_own(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.t_s, T, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("data", "unit"), [("OutputData", "OutputUnit"), ("y", "yUnit"), ("y_values", "yUnits")]
+)
+def test_the_unit_of_a_signal_next_to_its_numbers(tmp_path: Path, data: str, unit: str) -> None:
+    """System Identification's structure, and others of its kind."""
+    drive, of_drive = (name.replace("Out", "In").replace("y", "u") for name in (data, unit))
+    iddata = {data: Y[:, None], drive: U[:, None], unit: "um", of_drive: "V", "Ts": 0.005}
+    savemat(tmp_path / "a.mat", {"data": iddata})
+    is_it(read(tmp_path / "a.mat"))
+
+
+def test_the_units_of_an_oscilloscopes_structures_are_those_of_y(tmp_path: Path) -> None:
+    each = {"XInc": 0.005, "XUnits": "Second"}
+    channels = {
+        "Channel_1": {"Data": U, "YUnits": "Volt", "Name": "drive", **each},
+        "Channel_2": {"Data": Y, "YUnits": "um", "Name": "position", **each},
+    }
+    savemat(tmp_path / "a.mat", channels)
+    is_it(read(tmp_path / "a.mat"))
+
+
+def test_a_header_next_to_the_numbers_names_the_signal(tmp_path: Path) -> None:
+    """Two channels in volts, of which only the names show which one drives."""
+    signals = {"Time": ("s", T), "Gauge": ("V", Y), "Drive": ("V", U)}
+    written: dict[str, Any] = {}
+    for i, (name, (unit, values)) in enumerate(signals.items(), 1):
+        written[f"Channel_{i}_Data"] = values
+        written[f"Channel_{i}_Header"] = {"SignalName": name, "Unit": unit}
+    savemat(tmp_path / "a.mat", written)
+    found = read(tmp_path / "a.mat")
+    assert "drive from 'Drive' (V) in v, displacement from 'Gauge' (V) in v" in found.read
+    np.testing.assert_allclose(found.drive, U, rtol=1e-6)
+
+
 @pytest.mark.parametrize("last", ["value", "data"])
 def test_the_name_of_a_group_counts_where_the_last_is_that_of_all(
     tmp_path: Path, last: str

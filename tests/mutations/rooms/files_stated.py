@@ -63,6 +63,21 @@ CHANGES = room(
         "units in a structure of their own are asked for",
     ),
     Change(
+        "unit-of-a-signal-lost", f"{FOREIGN}/beside.py",
+        'signals = (own, _NUMBERS_OF.sub("", own))', "signals = (own,)",
+        "'OutputUnit' next to 'OutputData' is asked for",
+    ),
+    Change(
+        "units-of-y-lost", f"{FOREIGN}/beside.py",
+        "for key in (*UNIT_FIELDS, *UNITS_OF_Y) if", "for key in UNIT_FIELDS if",
+        "the units in an oscilloscope's structures are asked for",
+    ),
+    Change(
+        "header-names-nothing", f"{FOREIGN}/beside.py",
+        "_header_of(heading, notes) or (_notes", "{} or (_notes",
+        "of two channels in volts the owner is asked which one drives, though their headers say so",
+    ),
+    Change(
         "time-type-is-damage", f"{CONTAINERS}/libraries.py",
         "except TypeError:", "except ZeroDivisionError:",
         "a table whose times are of HDF5's own type is called damaged",

@@ -131,8 +131,9 @@ def _name(
         name_columns(of, own or names, one.units or units)
     elif one.label:
         of[0].heading = labelled(one.name, one.label)
-    elif group and sum(group_of(column.heading) == group for column in columns) == 1:
-        of[0].heading = labelled(one.name, label_beside(one.name, notes))
+    else:
+        is_alone = sum(group_of(column.heading) == group for column in columns) == 1
+        of[0].heading = labelled(one.name, label_beside(one.name, notes, is_alone))
 
 
 def _is_array(value: Any) -> bool:
