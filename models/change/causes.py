@@ -59,16 +59,19 @@ def find_causes(model: Model, recording: Recording) -> list[Cause]:
     sigma = noise_rms(data, null.residual(data))
     state = SearchState(problem, sigma, null, null, counted=int(data.rows.sum()))
     state = search_one_more(state, SHORTLIST, changes_alone(data))
-    return [_as_cause(model, problem, t) for t in state.rounds[0] if not t.refused]
+    known = list_candidates(data)
+    return [_as_cause(model, problem, t, known) for t in state.rounds[0] if not t.refused]
 
 
-def _as_cause(model: Model, problem: Problem, trial: CandidateTrial) -> Cause:
+def _as_cause(
+    model: Model, problem: Problem, trial: CandidateTrial, known: Sequence[Candidate]
+) -> Cause:
     one, fit = trial.candidate, trial.fit
     effect = effect_of(fit, one.key)
     amplitudes = fit.amplitudes_of(effect)
     blocks = one.blocks(effect.theta, amplitudes, problem.data)
     says = one.describe(one.values(effect.theta, amplitudes))
-    alike = _names_confused_with(one, list_candidates(problem.data))
+    alike = _names_confused_with(one, known)
     return Cause(one.name, one.place, says, with_blocks(model, blocks), alike)
 
 

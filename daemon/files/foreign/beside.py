@@ -307,7 +307,7 @@ def _number(text: str, otherwise: float) -> float:
 def label_beside(heading: str, notes: Mapping[str, str], is_alone: bool) -> str:
     """Return the name that a file states for an array in the header next to it, or in its structure
     if no other array is there: "signals.0.label" for "signals.0.values"; "" if it states none."""
-    beside = _header_of(heading, notes) or (_notes_beside(heading, notes) if is_alone else {})
+    beside = _notes_beside(heading, notes) if is_alone else _header_of(heading, notes)
     return next((beside[key] for key in LABEL_FIELDS if beside.get(key)), "")
 
 

@@ -5,12 +5,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 from tests.models.change.test_naming import F
+from tests.rigs.outside import dry
 from tests.rigs.stage_model import kept_model
 
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.change.causes import WeighedCause, find_causes, weigh_causes
 from dehyst.models.change.naming import ChangeResiduals, explains_all, find_one_change
-from dehyst.models.recording import Floats, Recording
+from dehyst.models.recording import Recording
 
 PERIOD_S, NOISE_UM, STICKS_UM = 0.005, 0.02, 0.3
 
@@ -24,20 +25,11 @@ def recording(seed: int, sticks_um: float) -> Recording:
     waves = 0.25 * np.sin(2 * np.pi * t) + 0.2 * np.sin(2 * np.pi * 0.3 * t)
     waves += 0.05 * np.sin(2 * np.pi * 6.0 * t)
     u = 0.5 * (low + high) + (high - low) * waves * (0.6 + 0.4 * np.sin(2 * np.pi * 0.11 * t))
-    y = taken_along(simulate(model, t, u), sticks_um)
+    y = dry(simulate(model, t, u), sticks_um)
     y += NOISE_UM * np.random.default_rng(seed).standard_normal(t.size)
     return Recording(
         t_s=t, drive=u, displacement=y, drive_unit="v", displacement_unit="um", name=f"{seed}"
     )
-
-
-def taken_along(y: Floats, gap: float) -> Floats:
-    """Return the path of a carriage that is pushed by y (N,) once y has moved by a gap."""
-    out, at = np.empty_like(y), y[0]
-    for i, one in enumerate(y):
-        at = min(max(at, one - gap), one + gap)
-        out[i] = at
-    return out
 
 
 @pytest.fixture(scope="module")

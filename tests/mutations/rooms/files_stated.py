@@ -74,7 +74,7 @@ CHANGES = room(
     ),
     Change(
         "header-names-nothing", f"{FOREIGN}/beside.py",
-        "_header_of(heading, notes) or (_notes", "{} or (_notes",
+        "is_alone else _header_of(heading, notes)", "is_alone else {}",
         "of two channels in volts the owner is asked which one drives, though their headers say so",
     ),
     Change(
