@@ -190,6 +190,11 @@ def _combine(x: Floats, starts: Ints, r: Floats, length: Floats, w: Floats) -> F
     h = np.zeros(n)
     z = np.zeros(m)
     out = np.empty(x.size)
+    times = np.zeros(m, np.int64)  # 2, 3: the next length is that multiple; no exponential needed
+    for j in range(m - 1):
+        ratio = length[j + 1] / length[j]
+        if abs(ratio - round(ratio)) < 1e-12:
+            times[j] = round(ratio)
     lowest, highest = x.min(), x.max()
     for t in range(x.size):
         xt = x[t]
@@ -207,9 +212,16 @@ def _combine(x: Floats, starts: Ints, r: Floats, length: Floats, w: Floats) -> F
             total += a * (w[i] + a * (w[n + i] + a * high))
         s = 1.0 if du > 0 else -1.0
         k = 5 * n
-        for j in range(m):
+        decay = 1.0
+        for j in range(m - 1, -1, -1):
             if du != 0.0:
-                z[j] = s + (z[j] - s) * np.exp(-abs(du) / length[j])
+                if times[j] == 2:
+                    decay *= decay
+                elif times[j] == 3:
+                    decay *= decay * decay
+                else:
+                    decay = np.exp(-abs(du) / length[j])
+                z[j] = s + (z[j] - s) * decay
             a = z[j]
             total += a * (
                 w[k + j]

@@ -40,6 +40,8 @@ Array = TypeVar("Array", Floats, Ints, Bools)
 
 STEPS = 4  # of the fit with a fixed design, after which the design is rebuilt
 SETTLED = 0.3  # fall of chi-square in one round that ends a close fit: half a standard deviation
+# a fit that ranks candidates ends at a fall of this share of its gain, or of its sum of squares:
+EARLY, UNSEEN = 5e-3, 3e-4  # half of what counts as a tie; a fiftieth of TUNING.trace squared
 
 
 @dataclass
@@ -159,8 +161,8 @@ class Problem:
             for e in effects
         ]
         base, gram_of_base = self._base_of(way, v_there)
-        counted_extra = [self.counted(block) for block in extra]
-        x = np.concatenate([base, *counted_extra], axis=1)
+        counted_extra = [self.counted(block) for block in extra if block.size]
+        x = np.concatenate([base, *counted_extra], axis=1) if counted_extra else base
         self._solutions.append(x.shape[1])
         k, width = len(data.names), base.shape[1]
         gram = np.empty((x.shape[1], x.shape[1]))
@@ -305,7 +307,7 @@ class Problem:
                     break
                 continue
             gain, best = best.sse - trial.sse, trial
-            early = max(2e-3 * (reference - best.sse), 3e-5 * best.sse)
+            early = max(EARLY * (reference - best.sse), UNSEEN * best.sse)
             if gain < (early if settle is None else settle):
                 break
         return best

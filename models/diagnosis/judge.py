@@ -11,6 +11,7 @@ from dehyst.models.diagnosis.effects import Effect, Span, parameters_at_bound
 from dehyst.models.diagnosis.evidence import Constancy, constancy, contribution
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
+from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate
@@ -189,10 +190,12 @@ def fit_with_companion(problem: Problem, trial: CandidateTrial) -> JointFit:
     companion, fit = trial.candidate.required_companion(), trial.fit
     if not companion or companion in fit.effect_keys:
         return fit
+    screen = Screen(problem, fit)
     for other in (c for c in list_candidates(problem.data) if c.key == companion):
-        for theta in other.starts(problem.data, trial.fit.residual(problem.data)):
-            both = problem.refit([*trial.fit.effects, Effect(other, theta)], start=trial.fit)
-            fit = min(fit, both, key=lambda f: f.sse)
+        for gain, theta in screen.starts(other)[:1]:
+            if gain > 0:
+                both = problem.refit([*trial.fit.effects, Effect(other, theta)], start=trial.fit)
+                fit = min(fit, both, key=lambda f: f.sse)
     return fit
 
 

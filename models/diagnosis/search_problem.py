@@ -232,10 +232,11 @@ def choose_zero_order_hold(problem: Problem, null: JointFit, sigma: float) -> Pr
         return problem
     light = problem.with_fewer_rows(TUNING.limit_rows)
     start = light.solve([])
-    straight, steps = (
-        _least_misfit(one, start, sigma) for one in (light, light.with_zero_order_hold())
-    )
+    straight = _least_misfit(light, start, sigma)
     least = max(TUNING.half * straight, (TUNING.strong * sigma) ** 2)
+    if straight <= least:
+        return problem
+    steps = _least_misfit(light.with_zero_order_hold(), start, sigma)
     return problem.with_zero_order_hold() if straight - steps > least else problem
 
 

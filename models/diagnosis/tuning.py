@@ -37,7 +37,7 @@ class Tuning(NamedTuple):
     # for what resembles a loop; up to four times, the base's own where noise is far below
     foreign_times: float = 4.0  # times what a model fitted here leaves: more means another stage
     # the search
-    search_rows: int = 18_000  # counted in the search; last fit, shares and intervals use all rows
+    search_rows: int = 9_000  # counted in the search; last fit, shares and intervals use all rows
     limit_rows: int = 6_000  # counted when the search is repeated with an added effect
     most_rows: int = 60_000  # longer recordings are fitted in part
     max_effects: int = 5
