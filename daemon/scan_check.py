@@ -55,7 +55,7 @@ def axes_of(path: Path, names: tuple[str, ...]) -> tuple[dict[str, Reached], flo
 def axis_of_daemon(model: Model, config: Config) -> Reached:
     """Return the limits of an axis with this model and configuration."""
     drives = drive_range(config, model)
-    zero = set_point_origin(config.setpoint.origin, *displacement_range(model, *drives))
+    zero = set_point_origin(config.setpoint.origin, model, *drives)
     return Reached(model, drives, config.limits.slew_v_per_s / abs(config.actuator.gain), zero)
 
 

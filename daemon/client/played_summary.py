@@ -42,7 +42,8 @@ def about_the_machine(played: Played) -> str:
     share = 100.0 * tracking.missed / max(tracking.samples, 1)
     return (
         f"{share:.3g} % of the deadlines were missed, so the error does not count: this machine "
-        "was too busy; `dehyst latency` shows what is too slow"
+        "was too busy; with the daemon stopped, `dehyst latency --config FILE` shows what is too "
+        "slow"
     )
 
 

@@ -175,7 +175,8 @@ def check_may_stay(clients: "Mapping[str, Client]") -> None:
         if not client.config().setpoint.stay:
             raise BadInput(
                 f"--stay: setpoint.stay is false in the configuration of {client.name}: a "
-                "position is kept only while a client requests it"
+                "position is kept only while a client requests it; set it to true, and start the "
+                "daemon again"
             )
 
 

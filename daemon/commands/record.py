@@ -172,6 +172,7 @@ def outcome(
         "seconds": file.time_s,
         "lost_samples": stream.lost,
         "gaps": file.gaps,
+        "ended_early": "no telemetry came until the time asked for" if late else "",
         "fetched_from_history": stream.recovered,
         **(made if pieces else {}),
         "complete": not (stream.lost or file.gaps or late) and file.rows > 0,
@@ -215,5 +216,7 @@ def report_recorded(results: dict[str, dict[str, Any]], as_json: bool) -> int:
                 f"{result['file']}: {how_many(result['samples'], 'sample')}, "
                 f"{result['seconds']:.3f} s; {lost} lost"
                 + (f", {fetched} fetched from the history" if fetched else "")
+                + (f"; {how_many(result['gaps'], 'gap')} in the times" if result["gaps"] else "")
+                + (f"; {result['ended_early']}" if result["ended_early"] else "")
             )
     return 0 if all(result["complete"] for result in results.values()) else 1

@@ -224,7 +224,7 @@ def check_configuration(path: Path, as_json: bool = False) -> int:
 def axis_words(config: Config) -> dict[str, str]:
     """Return what an axis' configuration means, by subject. Raises DehystError if `dehyst run`
     would refuse it."""
-    from dehyst.daemon.config.drives import drive_range, narrow_validity
+    from dehyst.daemon.config.drives import drive_range, implausible_ranges
     from dehyst.daemon.files.models import load_model
     from dehyst.daemon.loop.checks import check_unopened, devices_of
     from dehyst.daemon.loop.trim import trim_setting
@@ -233,11 +233,12 @@ def axis_words(config: Config) -> dict[str, str]:
 
     check_unopened(config)
     model = load_model(config.model.file)
-    reach = displacement_reach(model, *drive_range(config, model))
+    drives, doubts = drive_range(config, model), implausible_ranges(config, model)
+    reach = displacement_reach(model, *drives)
     low, high = reach.low, reach.high
     sensor = devices_of(config)[1]
     trimmed = trim_setting(config, model, high - low, getattr(sensor, "spec", None))
-    zero = set_point_origin(config.setpoint.origin, low, high)
+    zero = set_point_origin(config.setpoint.origin, model, *drives)
     unit = model.displacement_unit
     assumed = f"; this assumes {', '.join(reach.assumes)}" if reach.assumes else ""
     limits, safe = config.limits, config.safe
@@ -245,7 +246,7 @@ def axis_words(config: Config) -> dict[str, str]:
         "devices": f"actuator {device_words(config.actuator)}, sensor "
         f"{device_words(config.sensor)}",
         "model": f"{config.model.file}: {describe_kind(model)}",
-        **({"warning": narrow} if (narrow := narrow_validity(config, model)) else {}),
+        **({"warning": "; ".join(doubts)} if doubts else {}),
         "reach": f"set-points from {low - zero:.4g} to {high - zero:.4g} {unit}{assumed}; "
         f"set-point 0 is the model's {zero:.4g} {unit}",
         "rate": f"{config.loop.rate_hz:g} Hz",

@@ -141,6 +141,8 @@ def run(args: argparse.Namespace) -> int:
     from dehyst.daemon.setup.sequence import do_steps
     from dehyst.daemon.setup.workbench import Workbench
 
+    if args.yes and args.range is None and not Journal(args.folder).done("limits"):
+        raise BadInput("--yes needs --range MIN MAX: the stage's voltage limits have no default")
     if not args.yes and not sys.stdin.isatty():
         raise BadInput("stdin is not a terminal; --yes with --range MIN MAX runs without questions")
     if args.emulated and args.ports:

@@ -138,9 +138,10 @@ class SetpointConfig(_Strict, frozen=True):
 
     origin: Literal["auto", "model", "mid-range"] | float = "auto"
     """The meaning of set-point 0. "model": the model's own zero. "mid-range": the middle of the
-    reachable range. A number: that model displacement. "auto": "model" if the model's zero
-    lies in the reachable range or next to it, otherwise "mid-range" (the sensor has an arbitrary
-    offset). Telemetry uses the same origin."""
+    reachable range. A number: that model displacement. "auto": the model's own zero if the model
+    reaches it in its whole valid range, or misses it by at most a fifth of that range; otherwise
+    the middle of that range (the sensor has an arbitrary offset). "auto" does not depend on
+    [limits]. Telemetry uses the same origin."""
     stale_s: Positive = 2.0
     """The loop holds if there is no new set-point for this time, or no next point of a
     trajectory."""

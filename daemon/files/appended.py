@@ -18,10 +18,14 @@ class RecordingFailed(DehystError):
     def after(self, rows: int, by: str = "") -> Self:
         """Return the same error with the number of readable rows, and the command that reads them
         if not every program can."""
-        if isinstance(self, RecordingDeleted):
+        if isinstance(self, RecordingDeleted | NothingRecorded):
             return self
         how = f", by dehyst {by}" if by and rows else ""
         return type(self)(f"{self}; {how_many(rows, 'row')} of it can be read{how}")
+
+
+class NothingRecorded(RecordingFailed):
+    """Not even the head of the file could be written; the file was removed."""
 
 
 class RecordingDeleted(RecordingFailed):
@@ -54,6 +58,12 @@ class AppendedFile:
             self.size += written.rfind(end) + len(end) if end and end in written else 0
             with suppress(OSError):  # the disk is gone: the reader will report the broken end
                 os.ftruncate(self._file, self.size)
+            if not self.size:
+                with suppress(OSError):
+                    self.path.unlink()
+                raise NothingRecorded(
+                    f"{self.path}: {error.strerror}; nothing was recorded"
+                ) from None
             raise RecordingFailed(
                 f"{self.path}: {error.strerror}; the recording ends here"
             ) from None

@@ -281,7 +281,7 @@ class Admission:
             raise NotAdmitted(
                 "stay",
                 "a position is kept only while a client requests it: setpoint.stay is false in "
-                "the daemon's configuration",
+                "the daemon's configuration; set it to true, and start the daemon again",
             )
 
     def _hold(self, command: Request) -> NDArray[np.void]:

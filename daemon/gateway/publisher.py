@@ -198,7 +198,7 @@ class Publisher:
         publishing resumes at the position in the ring where the previous gateway stopped."""
         rings = self._rings
         of_another_daemon = self._cores == 0 and rings.is_left_over
-        self._cores += rings.run != self.history.run
+        self._cores += not of_another_daemon and rings.run != self.history.run
         self._heard_ns = now_ns - SILENT_NS  # rings may be left over from a core that has died
         self.history.restart(rings.run)
         self.history.add(rings.read_again("telemetry", self.history.capacity))

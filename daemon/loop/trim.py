@@ -11,6 +11,7 @@ from dehyst.drivers.interface import DeviceSpec
 from dehyst.models.errors import BadInput
 from dehyst.models.learning import trim
 from dehyst.models.model import Model
+from dehyst.models.units import spell_unit
 
 NO_NOISE = 0.002
 """Noise of a gauge whose model states none, as part of the reach."""
@@ -41,6 +42,12 @@ def trim_setting(
             f"trim.time_constant_s = {chosen_s:g}: the gauge is {lag_s:.3g} s late (its lag and "
             "delay in the model, its reading, the loop's period), so a correction this fast is "
             f"not stable; use {_round_up(least_s):g} s or more"
+        )
+    if asked.enabled and asked.limit_um is not None and asked.limit_um > reach:
+        raise BadInput(
+            f"trim.limit_um = {asked.limit_um:g}: the stage's whole reach is {reach:.4g} "
+            f"{spell_unit(model.displacement_unit)}, so this bounds nothing; check its unit, or "
+            f"use a tenth of the reach, {trim.TUNING.limit * reach:.2g}"
         )
     noise = model.fit.noise_rms or model.fit.rms or NO_NOISE * reach
     return trim.make_trim_setting(

@@ -77,8 +77,9 @@ def at_work(folder: Path, role: str, command: str, config: Path | str) -> Iterat
     its command and configuration."""
     make_run_folder(folder)
     advice = (
-        "a name and a run folder can have only one daemon; end that one, or give this one another "
-        "name"
+        "a name and a run folder can have only one daemon; stop the whole daemon (Ctrl-C where "
+        "`dehyst run` runs, or systemctl stop dehyst), because `dehyst run` starts a part that "
+        "ended alone again; a second daemon needs another name, and devices of its own"
     )
     with locked(folder, role, command, config, advice):
         yield

@@ -3,6 +3,7 @@ number larger than any quantity of a stage or its devices."""
 
 import argparse
 import math
+import re
 from collections.abc import Callable
 
 from dehyst.daemon.printable import brief
@@ -21,9 +22,10 @@ def number(text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(
-            f"{brief(repr(text))} is not a finite number; write it without a unit"
-        )
+        advice = "write it without a unit"
+        if re.fullmatch(r"\s*[-+]?\d+,\d+\s*", text):
+            advice = f"write {text.strip().replace(',', '.')}, with a point"
+        raise argparse.ArgumentTypeError(f"{brief(repr(text))} is not a finite number; {advice}")
     if abs(value) > LARGEST:
         raise argparse.ArgumentTypeError(
             f"{brief(text)} is larger than any quantity of a stage or its devices ({LARGEST:g})"

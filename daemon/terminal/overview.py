@@ -55,7 +55,8 @@ def find_troubles(status: Status) -> list[str]:
     if s.missed > MOST_MISSED * max(1, s.samples):
         found.append(
             f"{describe_share(s.missed, s.samples)} of the deadlines were missed "
-            f"({counts(s.missed_by)}): `dehyst latency` shows what is too slow"
+            f"({counts(s.missed_by)}): with the daemon stopped, `dehyst latency --config FILE` "
+            "shows what is too slow"
         )
     if gateway.log_dropped:
         found.append(f"{how_many(gateway.log_dropped, 'line')} of the log could not be written")

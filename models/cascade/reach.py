@@ -66,16 +66,21 @@ def displacement_range(model: Model, drive_min: float, drive_max: float) -> tupl
     return reach.low, reach.high
 
 
-def set_point_origin(choice: str | float, low: float, high: float) -> float:
-    """Return the model's displacement at set-point 0 (see SetpointConfig.origin); low, high: the
-    reach."""
+def set_point_origin(
+    choice: str | float, model: Model, drive_min: float, drive_max: float
+) -> float:
+    """Return the model's displacement at set-point 0 (see SetpointConfig.origin) between two drives
+    [drive unit]. "auto" does not depend on them, so that other limits do not move the
+    coordinates."""
     if not isinstance(choice, str):
         return float(choice)
+    if choice == "model":
+        return 0.0
+    if choice == "mid-range":
+        return 0.5 * sum(displacement_range(model, drive_min, drive_max))
+    low, high = displacement_range(model, model.validity.drive_min, model.validity.drive_max)
     margin = REMANENCE * (high - low)
-    arbitrary = not low - margin <= 0.0 <= high + margin
-    if choice == "mid-range" or (choice == "auto" and arbitrary):
-        return 0.5 * (low + high)
-    return 0.0
+    return 0.0 if low - margin <= 0.0 <= high + margin else 0.5 * (low + high)
 
 
 def _acts_at_rest(block: Block) -> bool:

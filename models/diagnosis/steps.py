@@ -115,7 +115,7 @@ def _report(
     wanted = with_limits and verdict in ("clean", "explained")
     limited = tuple(limits(found, untold, RepeatedSearch(found).names)) if wanted else ()
     blind = sorted({x.name for x in limited if x.value is None})
-    further = next_experiment(verdict, findings, blind)
+    further = next_experiment(verdict, findings, blind, whole)
     if not written.contains_shape:
         findings = tuple(mark_not_contained(f) for f in findings)
     for candidate, sighting in searched.seen:

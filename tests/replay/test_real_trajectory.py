@@ -38,7 +38,7 @@ def test_the_target_of_a_real_experiment_is_followed_to_its_end(data_dir: Path) 
     model = identify([recording], Options(rate=False)).model
     config = parse_config(CONFIG)
     low, high = displacement_range(model, model.validity.drive_min, model.validity.drive_max)
-    zero = set_point_origin("auto", low, high)
+    zero = set_point_origin("auto", model, 0.0, 150 / 41.667)
     assert zero == pytest.approx(0.5 * (low + high))  # this sensor's zero is far away: -98 um
     compensator = Compensator(model, 0.005, 0.0, 150 / 41.667, 4000 / 41.667, mode="static")
     slope = (high - low) / (model.validity.drive_max - model.validity.drive_min)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dehyst.daemon import clock
 from dehyst.daemon.config import Config
-from dehyst.daemon.config.drives import drive_range, narrow_validity
+from dehyst.daemon.config.drives import drive_range, implausible_ranges
 from dehyst.daemon.files.chosen import choose_model
 from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, open_known
 from dehyst.daemon.files.models import load_model, write_text
@@ -214,7 +214,7 @@ class AxisCore:
     def _loop_settings(self, model: Model) -> LoopSettings:
         drives = drive_range(self.config, model)
         low, high = displacement_range(model, *drives)
-        zero = set_point_origin(self.config.setpoint.origin, low, high)
+        zero = set_point_origin(self.config.setpoint.origin, model, *drives)
         slope = (high - low) / (drives[1] - drives[0])
         return LoopSettings.from_config(self.config, zero, self.min_v, self.max_v, slope)
 
@@ -261,8 +261,7 @@ class AxisCore:
 
     def _about(self, model: Model, left_out: Sequence[str], compensator: Compensator) -> list[str]:
         """Return messages about what a model lacks, or may lack, on this stage."""
-        narrow = narrow_validity(self.config, model)
-        said = [narrow] if narrow else []
+        said = implausible_ranges(self.config, model)
         return [*said, *describe_left_out(left_out), *self.unmeasured(compensator)]
 
     def unmeasured(self, compensator: Compensator) -> list[str]:

@@ -25,6 +25,7 @@ from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import PHYSICS
 from dehyst.models.physics.candidate import Candidate, format_length
+from dehyst.models.signals.joined import Data
 
 
 def has_unknown(findings: Sequence[Finding]) -> bool:
@@ -191,9 +192,22 @@ def report_unknown(
     )
 
 
-def next_experiment(verdict: str, findings: Sequence[Finding], blind: Sequence[str]) -> str:
+def _recorded_limits(data: Data) -> str:
+    """Return the options of `dehyst excite` for a drive of the range, rate and length that were
+    recorded."""
+    samples = max(int(np.bincount(data.rec).max()), 2 * TUNING.least_samples)
+    unit = "" if data.drive_unit == "v" else f" --unit {data.drive_unit}"
+    return (
+        f"--range {data.u_min:.4g} {data.u_min + data.span:.4g}{unit} "
+        f"--sampling {1.0 / data.period:.4g} --duration {samples * data.period:.4g}"
+    )
+
+
+def next_experiment(
+    verdict: str, findings: Sequence[Finding], blind: Sequence[str], data: Data
+) -> str:
     """Return what to record next, in one sentence. blind: names that the recordings could not
-    show."""
+    show; data: what was recorded, whose range, rate and length the experiment keeps to."""
     apart = {
         frozenset({one.name, rival}): drive
         for one in PHYSICS.values()
@@ -206,7 +220,8 @@ def next_experiment(verdict: str, findings: Sequence[Finding], blind: Sequence[s
             if text:
                 return (
                     f"To distinguish {one} from {other}, record {text} "
-                    f"(dehyst excite --separate {one} {other})."
+                    f"(`dehyst excite --separate {one} {other} {_recorded_limits(data)} "
+                    "-o separate.csv`)."
                 )
     if verdict in ("unknown", "partly"):
         return (

@@ -51,6 +51,36 @@ def test_a_model_for_a_small_part_of_the_limits_is_warned_of(
     assert "the model is valid only from 0 to 10 V, 6.7 % of the limits, 0 to 150 V" in said
 
 
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        (("gain = 15.0", "gain = 31.0"), "the limits use only 48 % of the model's valid range"),
+        (("gain = 15.0", "gain = 29.0"), ""),
+        (("[setpoint]", "[setpoint]\norigin = 8000"), "setpoint.origin = 8000 um is farther"),
+        (("[setpoint]", "[setpoint]\norigin = -3"), ""),
+    ],
+)
+def test_limits_gain_and_origin_in_another_unit_are_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], changed: tuple[str, str], says: str
+) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text(GOOD.replace(*changed))
+    assert main(["run", "--check", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert ("warning" in said) == bool(says)
+    assert says in said
+
+
+def test_a_trim_that_is_not_bounded_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "config.toml"
+    for limit, status in ((0.5, 0), (900.0, 2)):
+        path.write_text(GOOD.replace("[trim]", f"[trim]\nlimit_um = {limit}"))
+        assert main(["run", "--check", str(path)]) == status
+    assert "trim.limit_um = 900: the stage's whole reach is " in capsys.readouterr().err
+
+
 def test_a_missing_model_is_named_with_the_folder_that_was_searched(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

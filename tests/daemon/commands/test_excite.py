@@ -2,6 +2,9 @@
 effects."""
 
 import json
+import re
+import shlex
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +13,10 @@ from tests.rigs.command_line import exit_status
 
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.main import main
+from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.findings.decide import next_experiment
+from dehyst.models.diagnosis.result import Finding
+from dehyst.models.recording import Recording
 
 
 def test_writes_a_drive_within_range_and_slew(tmp_path, capsys):
@@ -132,3 +139,27 @@ def test_what_is_given_beside_a_configuration_must_lie_within_it(
         assert main([*line, "-o", str(tmp_path / "drive.csv")]) == 2
         assert "allows 0 to 10 V at 200 V/s" in capsys.readouterr().err
     assert not (tmp_path / "drive.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("unit", "low", "high", "period_s", "samples"),
+    [("v", 0.0, 75.0, 1e-3, 20_000), ("um", -3.2, 11.7, 0.02, 400), ("counts", 0.0, 6e4, 0.1, 400)],
+)
+def test_the_line_that_a_diagnosis_prints_runs_and_keeps_to_what_was_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unit: str, low: float, high: float,
+    period_s: float, samples: int,
+) -> None:  # fmt: skip
+    t_s = np.arange(samples) * period_s
+    u = low + (high - low) * 0.5 * (1.0 - np.cos(2 * np.pi * 4 * np.arange(samples) / samples))
+    data = prepare([Recording(t_s, u, 0.1 * u, drive_unit=unit)])
+    blank = {field.name: "" for field in fields(Finding)}
+    found = Finding(**{**blank, "name": "delay", "ambiguous_with": ("lag",)})
+    said = next_experiment("partly", [found], [], data)
+    (line,) = re.findall("`dehyst (.*)`", said)
+    monkeypatch.chdir(tmp_path)
+    assert main(shlex.split(line)) == 0
+    drive = read_recording(tmp_path / "separate.csv")
+    assert drive.drive_unit == unit
+    assert drive.drive.min() >= low - 1e-3 * (high - low)
+    assert drive.drive.max() <= high + 1e-3 * (high - low)
+    assert np.median(np.diff(drive.t_s)) == pytest.approx(period_s, rel=1e-3)

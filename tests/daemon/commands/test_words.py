@@ -23,6 +23,7 @@ SPIRAL = "scan spiral --radius 1 -o s.csv"
     ("line", "words"),
     [
         ("send 8um", "'8um' is not a finite number; write it without a unit"),
+        ("send 5,5", "'5,5' is not a finite number; write 5.5, with a point"),
         ("send nan", "not a finite number"),
         ("run --config x.toml --name foo", "--name goes without --config"),
         ("run --config x.toml --listen tcp/127.0.0.1:7447", "--listen goes without --config"),

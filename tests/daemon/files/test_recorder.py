@@ -177,16 +177,18 @@ FILL = """
 import resource, sys
 from pathlib import Path
 import numpy as np
-from dehyst.daemon.files.appended import RecordingFailed
+from dehyst.daemon.files.appended import NothingRecorded, RecordingFailed
 from dehyst.daemon.files.rows import HELD_S, open_rows
 path = Path(sys.argv[1])
 resource.setrlimit(resource.RLIMIT_FSIZE, (1_500_000, 1_500_000))
-rows = open_rows(path, ["t_s", "u_v", "y_um"], {}, False)
 rng, done = np.random.default_rng(1), 0
 try:
+    rows = open_rows(path, ["t_s", "u_v", "y_um"], {}, False)
     for block in range(1000):
         rows.add([0.001 * (done + np.arange(1000)), *rng.normal(size=(2, 1000))])
         done += 1000
+except NothingRecorded as error:
+    sys.exit(str(error))
 except RecordingFailed as error:
     rows.close()
     print(rows.rows)
@@ -233,6 +235,19 @@ def test_what_is_said_of_a_full_disk_is_true(tmp_path: Path, kind: str) -> None:
     assert t_s.size == int(done.stdout) == int(said[1])
     assert t_s.size > 10_000
     assert np.array_equal(t_s, 0.001 * np.arange(t_s.size))
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_disk_that_is_full_from_the_start_leaves_no_file(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"run.{kind}"
+    done = subprocess.run(
+        [sys.executable, "-c", FILL.replace("1_500_000", "0"), str(path)],
+        env=environment(), capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert "Traceback" not in done.stderr
+    assert done.stderr.endswith("nothing was recorded\n")
+    assert not path.exists()
 
 
 @pytest.mark.processes

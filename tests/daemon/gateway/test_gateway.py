@@ -313,6 +313,18 @@ def test_the_core_comes_back_with_new_rings(shared: Bench) -> None:
     assert {"core"} <= {event.code for event in feed.events}
 
 
+def test_the_rings_of_an_earlier_daemon_are_no_restart(bench: Bench) -> None:
+    bench.loop.close()
+    bench.kill_gateway()
+    bench.has_loop = False
+    bench.start_gateway()
+    with Client("bench", bench.address) as asking:
+        wait_until("the earlier samples are read", lambda: bool(asking.history().size))
+    bench.has_loop = True
+    bench.start_loop()
+    assert bench.client().status().gateway.restarts_of_core == 0
+
+
 def test_a_subscriber_that_stands_still_holds_nobody_up(shared: Bench) -> None:
     command = [sys.executable, "-m", "dehyst.daemon.main", "watch", "--connect", shared.address]
     client = shared.client()

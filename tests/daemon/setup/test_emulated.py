@@ -127,8 +127,9 @@ def test_a_second_call_has_nothing_left_to_do_and_moves_nothing(done: Any) -> No
 
 def test_without_limits_nothing_is_touched(tmp_path: Path) -> None:
     for line, words in (
-        (("--yes", "--ports", "/dev/nowhere"), "there is no port /dev/nowhere"),
+        (("--yes", "--ports", "/dev/nowhere"), "--yes needs --range MIN MAX"),
         ((), "stdin is not a terminal"),
+        (("--yes", "--ports", "/dev/nowhere", "--range", "0", "9"), "no port /dev/nowhere"),
     ):
         process = dehyst("setup", str(tmp_path / "stage"), *line)
         _, err = process.communicate(timeout=60)

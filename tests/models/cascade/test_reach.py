@@ -1,5 +1,7 @@
 """The reach of a whole model, compared with the simulation of a slow triangle."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.rigs.random_cascades import random_cascade, simulated_reach
@@ -63,15 +65,30 @@ def test_what_it_takes_for_granted_is_said() -> None:
     assert "axis.y at its reference" in said[1]
 
 
+def moved(by: float) -> Model:
+    """Return `line` with a sensor that reads so much more [um]."""
+    return replace(line(), hysteresis=replace(line().hysteresis, c=np.array([by, 1.0])))
+
+
 @pytest.mark.parametrize(
-    ("choice", "low", "high", "zero"),
+    ("choice", "by", "zero"),
     [
-        ("model", 2.0, 8.0, 0.0),
-        ("mid-range", 2.0, 8.0, 5.0),
-        ("auto", -1.0, 10.0, 0.0),
-        ("auto", 100.0, 110.0, 105.0),
-        (3.5, 0.0, 10.0, 3.5),
+        ("model", 2.0, 0.0),
+        ("mid-range", 2.0, 5.0),
+        ("auto", -1.0, 0.0),
+        ("auto", 1.9, 0.0),  # within a fifth of the span beside them
+        ("auto", 2.1, 7.1),
+        ("auto", 100.0, 105.0),
+        (3.5, 0.0, 3.5),
     ],
 )
-def test_where_set_point_zero_is(choice: str | float, low: float, high: float, zero: float) -> None:
-    assert set_point_origin(choice, low, high) == zero
+def test_where_set_point_zero_is(choice: str | float, by: float, zero: float) -> None:
+    drives = (0.0, 6.0) if choice == "mid-range" else (0.0, 10.0)
+    assert set_point_origin(choice, moved(by), *drives) == pytest.approx(zero)
+
+
+@pytest.mark.parametrize("by", [-1.0, 1.9, 2.1, 100.0])
+@pytest.mark.parametrize("choice", ["auto", "model", 3.5])
+def test_other_limits_do_not_move_the_coordinates(choice: str | float, by: float) -> None:
+    whole = set_point_origin(choice, moved(by), 0.0, 10.0)
+    assert [set_point_origin(choice, moved(by), 0.0, most) for most in (1.0, 4.0)] == [whole] * 2

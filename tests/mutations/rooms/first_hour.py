@@ -137,8 +137,8 @@ CHANGES = [
         Change(
             "another-stages-model",
             "daemon/config/drives.py",
-            "    if part >= SMALL_PART:\n",
-            "    if True:\n",
+            "    if of_limits < SMALL_PART:\n",
+            "    if False:\n",
             "a model of another stage is accepted without a warning",
         ),
         Change(
@@ -486,6 +486,70 @@ CHANGES = [
             "    if any(abs(value) > most for value in values):\n",
             "    if False:\n",
             "a drive of ten million volts is designed",
+        ),
+    ),
+    *room(
+        ("tests/models/cascade/test_reach.py",),
+        Change(
+            "limits-move-the-coordinates",
+            "models/cascade/reach.py",
+            "model.validity.drive_min, model.validity.drive_max)\n    margin",
+            "drive_min, drive_max)\n    margin",
+            "a lower limit gives every set-point another position",
+        ),
+    ),
+    *room(
+        ("tests/daemon/commands/test_check.py",),
+        Change(
+            "gain-too-large-unsaid",
+            "daemon/config/drives.py",
+            "    if of_model < SMALL_PART:\n",
+            "    if False:\n",
+            "a gain of 15 too much leaves a fifteenth of the stage, without a word",
+        ),
+        Change(
+            "origin-in-nanometres",
+            "daemon/config/drives.py",
+            "        if not 2 * least - most <= origin <= 2 * most - least:\n",
+            "        if False:\n",
+            "an origin in nm instead of um is taken without a word",
+        ),
+        Change(
+            "trim-without-bound",
+            "daemon/loop/trim.py",
+            "asked.limit_um is not None and asked.limit_um > reach:",
+            "False:",
+            "a trim's limit in nm instead of um bounds nothing",
+        ),
+    ),
+    *room(
+        ("tests/daemon/gateway/test_gateway.py",),
+        Change(
+            "left-over-is-a-restart",
+            "daemon/gateway/publisher.py",
+            "        self._cores += not of_another_daemon and rings.run",
+            "        self._cores += rings.run",
+            "the status of a fresh start reports a restart of the loop",
+        ),
+    ),
+    *room(
+        ("tests/daemon/files/test_recorder.py",),
+        Change(
+            "empty-recording-left",
+            "daemon/files/appended.py",
+            "                    self.path.unlink()\n",
+            "                    pass\n",
+            "a full disk leaves an empty file that looks like a recording",
+        ),
+    ),
+    *room(
+        ("tests/daemon/commands/test_excite.py",),
+        Change(
+            "printed-line-lacks-the-range",
+            "models/diagnosis/findings/decide.py",
+            '        f"--range {data.u_min:.4g} {data.u_min + data.span:.4g}{unit} "\n',
+            '        f"{unit} "\n',
+            "the experiment that a diagnosis prints is refused by `dehyst excite`",
         ),
     ),
     *room(
