@@ -30,7 +30,9 @@ CODES = {
     "state": RefusalCode("the loop follows no commands in its present state"),
     "no-lease": RefusalCode("the sender holds no lease, or an older one"),
     "lease-taken": RefusalCode("another client commands"),
-    "old": RefusalCode("older than the newest set-point, or a repeated one"),
+    "old": RefusalCode(
+        "older than the newest set-point or the client's own stop, or a repeated one"
+    ),
     "late": RefusalCode("too old on arrival", waits=True),
     "unit": RefusalCode("another unit than the daemon's"),
     "not-finite": RefusalCode("NaN or infinite"),
@@ -42,8 +44,8 @@ CODES = {
     "dense": RefusalCode("points closer than the loop's period"),
     "span": RefusalCode("one chunk spans more than the daemon accepts ahead"),
     "over": RefusalCode(
-        "this trajectory has ended or was withdrawn, or another client has stopped the stage since "
-        "this set-point was sent first"
+        "this trajectory has ended or was withdrawn, or another client has stopped the stage and "
+        "the lease was not acquired since"
     ),
     "queue-full": RefusalCode("more trajectory ahead than the daemon accepts", waits=True),
     "stay": RefusalCode("the configuration does not allow keeping a position without a client"),

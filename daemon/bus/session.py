@@ -59,11 +59,15 @@ class NoAnswer(BusError):
 
 
 class Asked:
-    """A query that was sent to a queryable. Answer with `reply`, finish with `done`."""
+    """A query that was sent to a queryable. Answer with `reply`, finish with `done`.
 
-    def __init__(self, query: "zenoh.Query") -> None:
+    key: the queryable's, under which it is answered, so that a query for several daemons shows
+    whose answer each is; that of the query if the queryable itself serves several.
+    """
+
+    def __init__(self, query: "zenoh.Query", queryable: str) -> None:
         self._query = query
-        self.key = str(query.key_expr)
+        self.key = str(query.key_expr) if "*" in queryable else queryable
         self.payload = query.payload.to_bytes() if query.payload is not None else b""
 
     def may_wait(self, waiting: int, most: int) -> bool:
@@ -292,7 +296,7 @@ class Bus(Closing):
 
     def answer(self, key: str, store: Callable[[Asked], None]) -> None:
         """Serve a queryable. `store(asked)` runs in zenoh's thread and must only store."""
-        callback = self._callback(lambda query: store(Asked(query)))
+        callback = self._callback(lambda query: store(Asked(query, key)))
         self._kept.append(self._session.declare_queryable(key, callback, complete=True))
 
     def announce(self, key: str) -> None:

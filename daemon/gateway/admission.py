@@ -19,7 +19,13 @@ from dehyst.daemon.gateway.core_view import CoreView
 from dehyst.daemon.gateway.in_play import InPlay
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.gateway.loop_records import NOTHING, make_records
-from dehyst.daemon.gateway.trajectory import NewPoints, PassedOn, TrajectoryProgress, Values
+from dehyst.daemon.gateway.trajectory import (
+    COMPLETE,
+    NewPoints,
+    PassedOn,
+    TrajectoryProgress,
+    Values,
+)
 from dehyst.daemon.rings.records import LARGEST_TARGET, LoopCommand, State
 
 AHEAD_S = 1.0  # how far ahead a sender's clock may get, s: it is stepped when it synchronises
@@ -46,8 +52,9 @@ class Admission:
         self.begun = InPlay()
         self._trajectory, self._queue = TrajectoryProgress(), PassedOn(queue_s)
         self._room = 0
-        self._repeated: tuple[str, float] | None = None
         self._stopped_by_another = False
+        self._stop_sent_ns: int | None = None  # of the holder's newest stop, by its clock
+        self._zeroed: tuple[int, int] | None = None  # client and time of the newest zero
 
     def resume(self, newest: NDArray[np.void]) -> None:
         """Restore what an earlier gateway has passed on, from the (0,) or (1,) newest POINT record
@@ -124,9 +131,9 @@ class Admission:
             "its last command): wait, or take over"
         )
 
-    def _check_age(self, now_ns: int, sent_ns: int) -> None:
+    def _check_age(self, now_ns: int, sent_ns: int, however_old: bool = False) -> None:
         age_s = self.lease.age_ns(now_ns, sent_ns) * 1e-9
-        if age_s > self.stale_s:
+        if age_s > self.stale_s and not however_old:
             raise NotAdmitted(
                 "late", f"sent {age_s:.1f} s ago; at most {self.stale_s:g} s are allowed"
             )
@@ -171,7 +178,7 @@ class Admission:
             np.array([command.value]), command.unit, command.allow_unreachable, InPlay()
         )
         self._check_stay(command.stay)
-        self._check_repeated("setpoint", command.value)
+        self._check_stopped(command.sent_ns)
         self.lease.sequence = command.sequence
         self.lease.renew(now_ns, command.sent_ns)
         self._end_trajectory("a set-point replaced it")
@@ -244,6 +251,7 @@ class Admission:
         new = now.new_points(command)
         if new is None:
             return None
+        self._check_stopped(command.sent_ns)
         begun = self.begun if self._has_begun(now) else InPlay()
         self._check_values(new.values, command.unit, command.allow_unreachable, begun)
         if not np.all(np.isfinite(new.learned)):
@@ -264,17 +272,22 @@ class Admission:
                 f"the gauge's zero cannot move by {command.value:g} {self.unit}: that is more than "
                 f"the stage's whole reach of {high - low:g}",
             )
+        again = self._zeroed == (command.client, command.sent_ns)
+        self._zeroed = command.client, command.sent_ns
+        if again:  # sent once more, because the answer was lost: the shift is already made
+            return NOTHING
         return make_records(LoopCommand.ZERO, command.client, value=np.array([command.value]))
 
-    def _check_repeated(self, action: str, value: float) -> None:
-        """Raise NotAdmitted if another client has stopped the stage and this command repeats the
-        one before the stop, from a program that does not know of the stop."""
-        if self._stopped_by_another and self._repeated == (action, value):
+    def _check_stopped(self, sent_ns: int) -> None:
+        """Raise NotAdmitted for a motion that would undo a stop: another client's, of which the
+        holder learns by this, or the holder's own, which has overtaken what it sent before."""
+        if self._stopped_by_another:
             raise NotAdmitted(
                 "over",
                 "another client has stopped the stage; acquire the lease to command it again",
             )
-        self._repeated, self._stopped_by_another = (action, value), False
+        if self._stop_sent_ns is not None and sent_ns < self._stop_sent_ns:
+            raise NotAdmitted("old", "sent before the client's own stop")
 
     def _check_stay(self, stay: bool) -> None:
         if stay and not self.may_stay:
@@ -287,16 +300,17 @@ class Admission:
     def _hold(self, command: Request) -> NDArray[np.void]:
         self.core.check_state(self._room)
         self._check_stay(command.stay)
-        self._check_repeated("hold", 0.0)
+        self._check_stopped(command.sent_ns)
         self._end_trajectory("its stage is held where it is")
         records = make_records(LoopCommand.HOLD, command.client)
         records["last"] = command.stay
         return records
 
     def _end_trajectory(self, why: str) -> None:
-        if (now := self._trajectory).number and not now.over:
+        if (now := self._trajectory).number and now.over in ("", COMPLETE):
+            if not now.over:
+                self.report(1, "trajectory", f"the trajectory ended early: {why}")
             now.over = why
-            self.report(1, "trajectory", f"the trajectory ended early: {why}")
         self._queue.clear()
 
     def check_free(self, now_ns: int, command: Request) -> None:
@@ -313,7 +327,7 @@ class Admission:
         lease, client = self.lease, command.client
         before = lease.client if lease.is_held(now_ns) else 0
         lease.give(now_ns, client, command.label, command.sent_ns, number)
-        self._stopped_by_another = False
+        self._stopped_by_another, self._stop_sent_ns = False, None
         if before not in (0, client):
             self._end_trajectory("another client took over")
 
@@ -333,7 +347,8 @@ class Admission:
                     "it is back",
                 )
             if lease.check(now_ns, client, command.lease):
-                lease.renew(now_ns, command.sent_ns)
+                lease.keep_alive(now_ns)
+                self._stop_sent_ns = command.sent_ns
             else:
                 self._stopped_by_another = True
             return make_records(
@@ -344,6 +359,8 @@ class Admission:
                 raise NotAdmitted("no-offer", why)
             return NOTHING
         self._check_lease(now_ns, client, command.lease)
+        lease.keep_alive(now_ns)
+        self._check_age(now_ns, command.sent_ns, however_old=action not in ("zero", "hold"))
         lease.renew(now_ns, command.sent_ns)
         if action == "zero":
             return self._zero(command)

@@ -72,6 +72,12 @@ class AxisInbox:
             self._rejections.put(encoding.encode(message))
 
 
+def _sender_of(key: str) -> int:
+    """Return the client number at the end of a set-point's key; 0: it is none."""
+    last = key.rpartition("/")[2]
+    return int(last) if last.isascii() and last.isdecimal() and len(last) < 19 else 0
+
+
 class CommandIntake:
     """Takes commands for these axes. `run` is its thread; `put` and `ask` are called from zenoh's
     threads."""
@@ -144,10 +150,10 @@ class CommandIntake:
         if len(inbox.puts) > CROWD:
             self._thin_out(inbox)
         try:
-            _, payload = inbox.puts.popleft()
+            key, payload = inbox.puts.popleft()
         except IndexError:
             return False
-        self._decide(inbox, payload, only_setpoints=True)
+        self._decide(inbox, payload, _sender_of(key))
         return True
 
     def _thin_out(self, inbox: AxisInbox) -> None:
@@ -155,15 +161,16 @@ class CommandIntake:
         waiting = [inbox.puts.popleft() for _ in range(len(inbox.puts))]
         newest = dict(waiting)
         inbox.flooded += len(waiting) - len(newest)
-        for payload in newest.values():
-            self._decide(inbox, payload, only_setpoints=True)
+        for key, payload in newest.items():
+            self._decide(inbox, payload, _sender_of(key))
 
-    def _decide(self, inbox: AxisInbox, payload: bytes, only_setpoints: bool = False) -> Reply:
+    def _decide(self, inbox: AxisInbox, payload: bytes, put_by: int | None = None) -> Reply:
+        """Decide a command. put_by: the client that put it, by its key; None: it was asked."""
         now_ns = clock.monotonic_ns()
-        client = 0
+        client = put_by or 0
         try:
             command = encoding.decode_command(payload)
-            if only_setpoints and not isinstance(command, Setpoint):
+            if put_by is not None and not isinstance(command, Setpoint):
                 raise encoding.BadMessage(
                     "only set-points may be sent by put; send everything else as a query"
                 )

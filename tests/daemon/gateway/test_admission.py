@@ -145,18 +145,20 @@ def test_anybody_may_stop_and_it_ends_the_trajectory(gate: Gate) -> None:
     assert gate.records["kind"].tolist() == [LoopCommand.RELEASE]
 
 
-def test_a_set_point_that_is_repeated_does_not_undo_the_stop_of_another(gate: Gate) -> None:
+@pytest.mark.parametrize("stop", ["stop", "release"])
+@pytest.mark.parametrize("value", [2.5, 3.0])
+def test_no_set_point_undoes_the_stop_of_another(gate: Gate, stop: str, value: float) -> None:
     assert gate.setpoint(0, 2.5).ok
     assert gate.setpoint(1, 2.5).ok
     assert gate.request(1, "stop").ok
     assert gate.setpoint(2, 2.5).ok  # it knows of its own stop
-    assert gate.request(2, "stop").ok
-    reply = gate.setpoint(3, 2.5)
-    assert (reply.code, gate.records.size) == ("over", 0)
-    assert "acquire" in reply.text
-    assert gate.setpoint(4, 3.0).ok  # a new one
-    assert gate.request(2, "release").ok
-    assert gate.setpoint(5, 3.0).code == "over"
+    assert gate.request(2, stop).ok
+    for sequence in (3, 4):  # a scan sends a new value each time
+        reply = gate.setpoint(sequence, value)
+        assert (reply.code, gate.records.size) == ("over", 0)
+        assert "acquire" in reply.text
+    assert gate.chunk(0, grid(0, 0.5)).code == "over"
+    assert gate.request(1, "hold").code == "over"
     assert gate.request(1, "acquire").ok
     assert gate.setpoint(0, 3.0).ok
 
@@ -168,6 +170,56 @@ def test_a_hold_that_is_repeated_does_not_cancel_the_ramp_of_another(gate: Gate)
     assert gate.request(1, "hold").code == "over"
     assert gate.request(1, "acquire").ok
     assert gate.request(1, "hold").ok
+
+
+@pytest.mark.parametrize("stop", ["stop", "release"])
+def test_what_was_sent_before_the_own_stop_does_not_undo_it(gate: Gate, stop: str) -> None:
+    """Puts are served after queries, so a stop overtakes a fast stream."""
+    assert gate.setpoint(0, 2.5).ok
+    assert gate.request(1, stop).ok
+    before = gate.sent(1, 0.01)
+    assert gate.setpoint(1, 3.0, sent_ns=before).code == "old"
+    assert gate.chunk(0, grid(0, 0.5), sent_ns=before).code == "old"
+    assert gate.request(1, "hold", sent_ns=before).code == "old"
+    assert gate.setpoint(1, 3.0).ok  # sent after it
+
+
+def test_a_zero_sent_again_moves_it_once(gate: Gate) -> None:
+    sent = gate.sent(1)
+    assert gate.request(1, "zero", value=0.5, sent_ns=sent).ok
+    assert gate.records["kind"].tolist() == [LoopCommand.ZERO]
+    assert gate.request(1, "zero", value=0.5, sent_ns=sent).ok
+    assert not gate.records.size
+    gate.now += S
+    assert gate.request(1, "zero", value=0.5).ok
+    assert gate.records.size == 1
+
+
+@pytest.mark.parametrize("action", ["zero", "hold"])
+def test_a_request_that_moves_something_is_refused_when_it_is_old(gate: Gate, action: str) -> None:
+    assert gate.request(1, action, sent_ns=gate.sent(1, 2.5)).code == "late"
+    assert gate.request(1, "renew", sent_ns=gate.sent(1, 2.5)).ok
+    assert gate.request(1, action).ok
+
+
+@pytest.mark.parametrize("action", ["renew", "zero", "hold", "give-up", "clear", "stop"])
+def test_a_time_in_the_future_does_not_spoil_the_lease(gate: Gate, action: str) -> None:
+    reply = gate.request(1, action, sent_ns=2**63 - 1)
+    assert reply.code == ("ok" if action == "stop" else "late")
+    if action == "stop":  # it stops whatever its time
+        assert gate.request(1, "acquire").ok
+    assert gate.setpoint(0, 2.5).ok
+
+
+@pytest.mark.parametrize("between", ["setpoint", "hold", "stop"])
+def test_a_number_used_again_after_another_motion_is_said_to_be_over(
+    gate: Gate, between: str
+) -> None:
+    assert gate.chunk(0, grid(0, 0.5), last=True).ok
+    assert gate.chunk(0, grid(0, 0.5), last=True).code == "duplicate"
+    assert (gate.setpoint(0) if between == "setpoint" else gate.request(1, between)).ok
+    assert gate.chunk(0, grid(0, 0.5), last=True).code == "over"
+    assert gate.chunk(0, grid(0, 0.5), last=True, trajectory=10).ok
 
 
 def test_a_release_while_a_device_has_failed_is_not_said_to_ramp(gate: Gate) -> None:

@@ -117,6 +117,8 @@ def test_whatever_is_put_or_asked_the_gateway_goes_on(shared: Bench) -> None:
             with pytest.raises(BusError, match="refused"):
                 list(raw.ask(client.keys.rpc("history"), payload + b"\x01"))
         wait_until("all have come", lambda: {r.code for r in feed.rejections} >= {"no-lease"})
+    of_its_sender = {"no-lease", "bad-message"}  # a put has no answer: this is how it learns of it
+    assert {r.code for r in feed.rejections if r.client == 66} >= of_its_sender
     client.send(2.0)
     rejected = client.status().gateway.rejected
     assert rejected["bad-message"] >= 5 + 6
@@ -241,6 +243,9 @@ def test_a_stop_by_another_ends_a_trajectory_with_the_reason(shared: Bench) -> N
     stopping.join()
     assert not played.completed
     assert "stopped" in played.reason
+    with pytest.raises(Refusal, match="acquire the lease"):
+        client.send(2.0)
+    client.acquire()
     with pytest.raises(Refusal, match="cannot be reached"):
         client.play(t_s, 100.0 + t_s)
 

@@ -1,11 +1,13 @@
 """One gateway for three axes, with real loops, real sessions and real clients."""
 
+import json
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zenoh
 from tests.rigs.axes_bench import AxesBench
 from tests.rigs.gateway_bench import (
     forged_setpoint,
@@ -336,3 +338,18 @@ def test_the_roles_hold_at_every_axis(tmp_path: Path) -> None:
             Group("stage-1", None, bench.address, credentials="")
     finally:
         bench.close()
+
+
+@pytest.mark.parametrize("method", ["status", "configuration"])
+def test_one_query_for_all_axes_is_answered_by_each_under_its_own_key(
+    stage: AxesBench, method: str
+) -> None:
+    """By another program, which keeps zenoh's default: the newest answer of each key."""
+    settings = zenoh.Config()
+    settings.insert_json5("mode", '"client"')
+    settings.insert_json5("connect/endpoints", json.dumps([stage.address]))
+    settings.insert_json5("scouting/multicast/enabled", "false")
+    keys = {stage.client(axis).keys.rpc(method) for axis in "xyz"}
+    with zenoh.open(settings) as session:
+        replies = session.get(f"dehyst/@v1/*/rpc/{method}", timeout=10.0)
+        assert {str(reply.ok.key_expr) for reply in replies if reply.ok is not None} == keys

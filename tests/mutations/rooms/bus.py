@@ -310,4 +310,24 @@ CHANGES = [
             "commands that are too long fill 2 GiB of the gateway's memory",
         ),
     ),
+    *room(
+        ("tests/daemon/gateway/test_several_axes.py",),
+        Change(
+            "answers-of-all-axes-under-one-key",
+            "daemon/bus/session.py",
+            'str(query.key_expr) if "*" in queryable else queryable',
+            "str(query.key_expr)",
+            "a query for the status of all axes yields that of one",
+        ),
+    ),
+    *room(
+        ("tests/daemon/gateway/test_gateway.py",),
+        Change(
+            "refused-put-is-nobodys",
+            "daemon/gateway/command_intake.py",
+            "        client = put_by or 0\n",
+            "        client = 0\n",
+            "a program whose set-points are malformed is not told so",
+        ),
+    ),
 ]

@@ -154,7 +154,7 @@ CHANGES = [
         Change(
             "another-stages-reload",
             "daemon/loop/axes/core.py",
-            "        said = [narrow] if narrow else []\n",
+            "        said = implausible_ranges(self.config, model)\n",
             "        said: list[str] = []\n",
             "a reload takes the model of another stage without a warning",
         ),

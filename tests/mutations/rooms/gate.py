@@ -27,9 +27,29 @@ CHANGES = room(
         "a client whose points are in order is refused for their order",
     ),
     Change(
-        "a-repeated-set-point-undoes-a-stop", GATE,
-        "        if self._stopped_by_another and", "        if False and",
-        "a program that repeats its set-point moves the stage again after another has stopped it",
+        "a-stream-undoes-a-stop", GATE,
+        "        if self._stopped_by_another:", "        if False:",
+        "a program that streams moves the stage again after another has stopped it",
+    ),
+    Change(
+        "older-stream-undoes-its-own-stop", GATE,
+        "sent_ns < self._stop_sent_ns:", "False:",
+        "set-points that were sent before a client's own stop move the stage again after it",
+    ),
+    Change(
+        "retried-zero-moves-twice", GATE,
+        "        if again:  # sent", "        if False:  # sent",
+        "a zero that is sent again because its answer was lost moves the gauge's zero twice",
+    ),
+    Change(
+        "future-renewal-taken", GATE,
+        "self._check_age(now_ns, command.sent_ns, however_old=", "dict(however_old=",
+        "after one wrong time stamp every command of the client is refused as late",
+    ),
+    Change(
+        "finished-number-plays-nothing", GATE,
+        'now.over in ("", COMPLETE):', "not now.over:",
+        "a trajectory under the number of a finished one is acknowledged and not played",
     ),
     Change(
         "release-is-said-in-a-fault", GATE,
@@ -63,8 +83,8 @@ CHANGES = room(
     ),
     Change(
         "clear-without-lease", GATE,
-        "        self._check_lease(now_ns, client, command.lease)\n        lease.renew",
-        "        lease.renew", "anybody can clear the holder's trajectory",
+        "        self._check_lease(now_ns, client, command.lease)\n        lease.keep",
+        "        lease.keep", "anybody can clear the holder's trajectory",
     ),
     Change(
         "loop-says-nothing", GATE,

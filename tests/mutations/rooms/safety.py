@@ -118,8 +118,8 @@ CHANGES = [
         Change(
             "give-up-by-anybody", GATE,
             "        self._check_lease(now_ns, client, command.lease)\n"
-            "        lease.renew(now_ns, command.sent_ns)\n        if action == \"zero\":",
-            "        if action == \"zero\":",
+            "        lease.keep_alive(now_ns)\n",
+            "",
             "anybody who may command can end the lease of the client that moves the stage",
         ),
     ),
