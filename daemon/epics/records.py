@@ -103,6 +103,8 @@ class AxisRecords(PVGroup):
         fields = self.motor.fields
         velocity, fastest = fields["VELO"].value, fields["VMAX"].value
         start = view.asked if math.isfinite(view.asked) and not view.lost else view.predicted
+        # at rest the stage is usually outside the reach: the path begins at the reach's edge
+        start = min(max(start, view.low), view.high)
         if 0 < velocity < fastest and math.isfinite(start) and start != value:
             t_s, path = move_profile(
                 start, value, velocity, max(0.0, fields["ACCL"].value), view.period_s
@@ -125,11 +127,30 @@ class AxisRecords(PVGroup):
                 await self.motor.write(at, verify_value=False)
         return 0
 
+    async def _set_mode(self, instance: Any, value: int | str) -> int | str:
+        """SPMG: Stop and Pause stop at once and hold, as many motor screens ask for it."""
+        if value in (0, 1, "Stop", "Pause"):
+            await self._stop(instance, 1)
+        return value
+
+    async def _set_velocity(self, _instance: Any, value: float) -> float:
+        """VELO: refuse what is no velocity, with which the next move would be the fastest."""
+        if not (math.isfinite(value) and value > 0):
+            text = f"VELO {value:g}: a velocity is greater than 0"
+            await self.message.write(text)
+            raise ValueError(text)
+        return value
+
     # -- monitors -------------------------------------------------------------------------------
 
     async def _keep_up(self, instance: Any, async_lib: Any) -> None:
         """Describe the axis, then keep its fields up to date."""
-        instance.fields["STOP"].putter = self._stop
+        for name, putter in (
+            ("STOP", self._stop),
+            ("SPMG", self._set_mode),
+            ("VELO", self._set_velocity),
+        ):
+            instance.fields[name].putter = putter
         view = self._view()
         speed = self._source.fastest
         for name, value in (

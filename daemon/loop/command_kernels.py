@@ -117,7 +117,9 @@ def _point(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
         return  # this axis has left the group, and reported it
     most = trim_setting_of(table).learned
     if not abs(correction) <= most:
-        add_note(table, c, BAD_CORRECTION, correction)
+        if c.cut != command.trajectory:  # once for each, or it displaces all other events
+            c.cut = command.trajectory
+            add_note(table, c, BAD_CORRECTION, correction)
         correction = 0.0 if math.isnan(correction) else min(max(correction, -most), most)
     if command.trajectory != q.id or q.count == 0:
         moving = c.state == RUNNING and not math.isnan(c.target)

@@ -59,6 +59,7 @@ CONTROL_T = np.dtype(
         ("inverse", "<i8"),  # address of the inverse's table
         ("group", "<i8"),  # of the trajectory being played or played last; 0: none
         ("left", "<i8"),  # the group that this axis left before its end
+        ("cut", "<u8"),  # the trajectory whose corrections were limited last
         ("made", "<i8"),  # 1: this sample's voltage has been made
         ("notes", "<i8"),  # number of notes made
     ]

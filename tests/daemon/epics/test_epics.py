@@ -122,16 +122,45 @@ def _hex(served: Served, name: str) -> str:
     return bytes(int(n) for n in numbers).hex()
 
 
-def test_a_stop_ends_the_move_and_holds(bench: Bench, served: Served) -> None:
+@pytest.mark.parametrize(("field", "value"), [("STOP", "1"), ("SPMG", "0")])
+def test_a_stop_ends_the_move_and_holds(
+    bench: Bench, served: Served, field: str, value: str
+) -> None:
     assert served.client("put", "-c", "LAB.VAL", "3.0").returncode == 0
     assert served.client("put", "LAB.VELO", "0.25").returncode == 0
     assert served.client("put", "LAB.VAL", "8.0").returncode == 0
     wait_until("it moves", lambda: bench.loop.samples(bench.loop.seq - 1)[-1]["target"] > 4.0)
-    assert served.client("put", "LAB.STOP", "1").returncode == 0
+    assert served.client("put", f"LAB.{field}", value).returncode == 0
     wait_until("it stands", lambda: np.ptp(bench.loop.samples(bench.loop.seq - 100)["target"]) == 0)
     place = bench.loop.samples(bench.loop.seq - 1)[-1]["target"]
     assert 4.0 < place < 8.0
     assert (kept_targets(bench.loop, place, 400) == place).all()
+
+
+@pytest.mark.parametrize("value", ["-1", "0", "nan"])
+def test_what_is_no_velocity_is_refused(served: Served, value: str) -> None:
+    before = served.get("LAB.VELO")
+    refused = served.client("put", "-c", "LAB.VELO", value)
+    assert refused.returncode != 0 or "fail" in (refused.stdout + refused.stderr).lower()
+    assert served.get("LAB.VELO") == before
+    assert "a velocity is greater than 0" in bytes.fromhex(_hex(served, "LAB:MSG")).decode()
+
+
+def test_a_slow_move_begins_at_the_edge_of_the_reach_where_the_stage_rests_outside(
+    bench: Bench, served: Served
+) -> None:
+    low = float(served.get("LAB.LLM"))
+    assert served.client("put", "LAB:HELD", "0").returncode == 0
+
+    def rests_outside() -> bool:
+        newest = bench.loop.samples(bench.loop.seq - 1)[-1]
+        return newest["state"] == State.READY and newest["predicted"] < low
+
+    wait_until("it rests below the reach", rests_outside)
+    assert served.client("put", "LAB.VELO", "2").returncode == 0
+    assert served.client("put", "-c", "LAB.VAL", f"{low + 1.0}").returncode == 0
+    newest = bench.loop.samples(bench.loop.seq - 1)[-1]
+    assert newest["target"] == pytest.approx(low + 1.0)
 
 
 def test_camonitor_sees_ten_updates_a_second(bench: Bench, served: Served) -> None:

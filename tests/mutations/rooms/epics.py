@@ -84,4 +84,28 @@ CHANGES = [
             "anybody who reaches the address can command the stage, without permission",
         ),
     ),
+    *room(
+        ("tests/daemon/epics/test_epics.py",),
+        Change(
+            "no-velocity-is-the-fastest",
+            "daemon/epics/records.py",
+            "        if not (math.isfinite(value) and value > 0):\n",
+            "        if False:\n",
+            "a velocity of 0, -1 or NaN is taken, and the next move is the fastest",
+        ),
+        Change(
+            "stop-of-a-motor-screen",
+            "daemon/epics/records.py",
+            '        if value in (0, 1, "Stop", "Pause"):\n',
+            "        if False:\n",
+            "Stop on a motor screen (SPMG) does not stop the axis",
+        ),
+        Change(
+            "slow-move-from-outside",
+            "daemon/epics/records.py",
+            "        start = min(max(start, view.low), view.high)\n",
+            "",
+            "no slow move is possible from a stage at rest, which is outside the reach",
+        ),
+    ),
 ]
