@@ -86,7 +86,7 @@ class CommandIntake:
         self._inboxes = {inbox.name: inbox for inbox in inboxes}
         self._questions: SimpleQueue[tuple[AxisInbox, Asked]] = SimpleQueue()
         self._work = threading.Event()
-        self._starts = GroupStarts()
+        self._starts = GroupStarts(self._report)
         self._own: SimpleQueue[tuple[AxisInbox, NDArray[Any]]] = SimpleQueue()
 
     def put(self, inbox: AxisInbox, key: str, payload: bytes) -> None:
@@ -120,8 +120,12 @@ class CommandIntake:
             while self._answer_one() or self._take_one_each():
                 if stop.is_set():
                     return
+            self._starts.drop_late(clock.monotonic_ns())
             for inbox in self._inboxes.values():
                 inbox.publish_refusals()
+
+    def _report(self, axis: str, text: str) -> None:
+        self._inboxes[axis].admission.report(2, "trajectory", text)
 
     def _pass_own(self) -> None:
         """Pass on the gateway's own records; retry later for a loop whose ring is full."""

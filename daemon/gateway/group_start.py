@@ -2,13 +2,13 @@
 
 The first chunks arrive axis by axis. Each is checked on arrival and kept; none reaches a loop until
 those of all axes have arrived and passed a second check together. If one is refused, arrives too
-late, or another command arrives first, all are dropped, and clients that send more of that
-trajectory get the reason. Pure, like dehyst.daemon.gateway.admission, which it uses: takes times as
-arguments and returns records.
+late, names other axes, or another command arrives first, all are dropped; every axis reports the
+reason, and clients that send more of that trajectory get it as well. Pure, like
+dehyst.daemon.gateway.admission, which it uses: takes times as arguments and returns records.
 """
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,17 +29,20 @@ Gates = Mapping[str, tuple[Admission, int]]
 
 @dataclass
 class _Start:
-    """One pending trajectory. since_ns: when its first chunk arrived; why: why it was dropped."""
+    """One pending trajectory. since_ns: when its first chunk arrived; axes: its axes, as that chunk
+    names them; why: why it was dropped."""
 
     since_ns: int
+    axes: tuple[str, ...]
     chunks: dict[str, Chunk] = field(default_factory=dict)
     why: str = ""
 
 
 class GroupStarts:
-    """Pending starts of trajectories of several axes."""
+    """Pending starts of trajectories of several axes. report: reports a text on an axis."""
 
-    def __init__(self) -> None:
+    def __init__(self, report: Callable[[str, str], None] = lambda axis, text: None) -> None:
+        self._report = report
         self._starts: OrderedDict[tuple[int, int], _Start] = OrderedDict()
 
     def handle(
@@ -63,17 +66,26 @@ class GroupStarts:
                 if of_axis.size and name in start.chunks:
                     self._drop(start, f"{name}: another command arrived before it started")
 
+    def drop_late(self, now_ns: int) -> None:
+        """Drop every start for which an axis has waited too long for the others."""
+        for start in self._starts.values():
+            if start.chunks and now_ns - start.since_ns > WAIT_NS:
+                late = ", ".join(name for name in start.axes if name not in start.chunks)
+                seconds = 1e-9 * WAIT_NS
+                self._drop(start, f"the first points of {late} did not arrive within {seconds:g} s")
+
     def _begin(
         self, now_ns: int, chunk: Chunk, gates: Gates, asked: str
     ) -> tuple[Reply, dict[str, Records]]:
         gate, room = gates[asked]
+        self.drop_late(now_ns)
         start = self._start_of(now_ns, chunk)
-        if not start.why and now_ns - start.since_ns > WAIT_NS:
-            late = [
-                n for n in chunk.axes if n not in start.chunks and not gates[n][0].is_playing(chunk)
-            ]
-            seconds = 1e-9 * WAIT_NS
-            start.why = f"the first points of {', '.join(late)} did not arrive within {seconds:g} s"
+        if not start.why and set(chunk.axes) != set(start.axes):
+            self._drop(
+                start,
+                f"{asked}: its points are for {', '.join(chunk.axes)} together, those before for "
+                f"{', '.join(start.axes)}",
+            )
         if start.why:
             raise NotAdmitted("over", f"{start.why}; no axis has started")
         if chunk.index > 0 and asked in start.chunks:
@@ -111,12 +123,13 @@ class GroupStarts:
     def _start_of(self, now_ns: int, chunk: Chunk) -> _Start:
         key = (chunk.client, chunk.trajectory)
         if key not in self._starts:
-            self._starts[key] = _Start(now_ns)
+            self._starts[key] = _Start(now_ns, chunk.axes)
             while len(self._starts) > MOST_STARTS:
                 self._starts.popitem(last=False)
         return self._starts[key]
 
-    @staticmethod
-    def _drop(start: _Start, why: str) -> None:
+    def _drop(self, start: _Start, why: str) -> None:
         start.why = why
         start.chunks.clear()
+        for axis in start.axes:
+            self._report(axis, f"{why}; no axis has started")

@@ -1,5 +1,7 @@
 """A trajectory of several axes starts on all axes or on none; on a simulated clock."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from tests.rigs.gate import ROOM, Gate, S, grid
@@ -16,7 +18,9 @@ class Start:
     """Three gates, all leased by client 1, and the number of points that reached each loop."""
 
     def __init__(self) -> None:
-        self.gates, self.starts = {axis: Gate() for axis in AXES}, GroupStarts()
+        self.gates = {axis: Gate() for axis in AXES}
+        self.reports: dict[str, list[str]] = {axis: [] for axis in AXES}
+        self.starts = GroupStarts(lambda axis, text: self.reports[axis].append(text))
         self.passed = dict.fromkeys(AXES, 0)
         self.lease = self.together("acquire").lease
 
@@ -173,3 +177,38 @@ def test_many_starts_that_never_come_leave_no_trace(start: Start) -> None:
     assert len(start.starts._starts) <= 16
     assert all(start.chunk(axis).ok for axis in "xyz")
     assert start.passed == {"x": 100, "y": 100, "z": 100}
+
+
+def late(start: Start) -> str:
+    start.pass_s(2.1)
+    start.starts.drop_late(start.now)  # the gateway does so by itself: no client sends anything
+    start.starts.drop_late(start.now)
+    return "y, z did not arrive"
+
+
+def refused(start: Start) -> str:
+    assert start.chunk("y", value=99.0).code == "unreachable"
+    return "y: 99 um cannot be reached"
+
+
+def stopped(start: Start) -> str:
+    assert start.together("stop").ok
+    return "another command arrived"
+
+
+def contradicted(start: Start) -> str:
+    reply = start.chunk("y", axes="xy")
+    assert (reply.ok, reply.code) == (False, "over")
+    return "y: its points are for x, y together, those before for x, y, z"
+
+
+@pytest.mark.parametrize("ends", [late, refused, stopped, contradicted])
+def test_every_axis_reports_once_why_none_has_started(
+    start: Start, ends: Callable[[Start], str]
+) -> None:
+    assert start.chunk("x").ok
+    why = ends(start)
+    assert all(why in said for [said] in start.reports.values())
+    assert all(said.endswith("no axis has started") for [said] in start.reports.values())
+    assert start.chunk("z").code == "over"
+    assert start.passed == {"x": 0, "y": 0, "z": 0}
