@@ -141,14 +141,14 @@ def run(args: argparse.Namespace) -> int:
     from dehyst.daemon.setup.sequence import do_steps
     from dehyst.daemon.setup.workbench import Workbench
 
-    if args.yes and args.range is None and not Journal(args.folder).done("limits"):
-        raise BadInput("--yes needs --range MIN MAX: the stage's voltage limits have no default")
     if not args.yes and not sys.stdin.isatty():
         raise BadInput("stdin is not a terminal; --yes with --range MIN MAX runs without questions")
     if args.emulated and args.ports:
         raise BadInput("--emulated has its own ports; leave out --ports")
     if args.amplifier and not args.emulated:
         raise BadInput("--amplifier goes with --emulated: a real one is recognised at its port")
+    if args.yes and args.range is None and not Journal(args.folder).done("limits"):
+        raise BadInput("--yes needs --range MIN MAX: the stage's voltage limits have no default")
     _check_numbers(args)
     if args.name:
         check_name(args.name)

@@ -20,7 +20,9 @@ from dehyst.daemon.option_words import PARAMETERS, at_command_line, in_python_wo
 from dehyst.models.errors import BadInput
 
 ROOT = Path(__file__).parents[2]
-ONLY_COMMANDS = {"unfinished", "separate", "rotate", "keep", "help"}
+ONLY_COMMANDS = {
+    "unfinished", "separate", "range", "sampling", "duration", "unit", "rotate", "keep", "help"
+}  # fmt: skip
 """Options of commands that no function has: a message that names one speaks of that command."""
 
 

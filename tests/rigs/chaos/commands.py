@@ -156,12 +156,13 @@ def flood(rig: Rig, seconds: float = 5.0, processes: int = FLOODERS) -> str:
         said = _flooded(
             rig, client.client, client._lease, seconds, processes, stop_in_the_midst, client.renew
         )
-        client._sequence = time.monotonic_ns()
+        assert rig.status().state != "running", "the flood has undone the stop of another"
+        client.acquire()
         client.send(6.0)
         rig.mark_fault()
         rig.client.stop()
         rig.until_state(State.HOLDING, 20.0)
-    return f"{said}; newest taken, lease kept, a stop got through"
+    return f"{said}; newest taken, lease kept, a stop got through and held"
 
 
 STOOD_STILL_NS = 100_000_000
