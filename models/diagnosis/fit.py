@@ -41,7 +41,7 @@ Array = TypeVar("Array", Floats, Ints, Bools)
 STEPS = 4  # of the fit with a fixed design, after which the design is rebuilt
 SETTLED = 0.3  # fall of chi-square in one round that ends a close fit: half a standard deviation
 # a fit that ranks candidates ends at a fall of this share of its gain, or of its sum of squares:
-EARLY, UNSEEN = 5e-3, 3e-4  # half of what counts as a tie; a fiftieth of TUNING.trace squared
+EARLY, UNSEEN = 2e-3, 3e-4  # a fifth of what counts as a tie; a fiftieth of TUNING.trace squared
 
 
 @dataclass
