@@ -172,7 +172,7 @@ def outcome(
         "seconds": file.time_s,
         "lost_samples": stream.lost,
         "gaps": file.gaps,
-        "ended_early": "no telemetry came until the time asked for" if late else "",
+        "ended_early": "no telemetry came for the rest of the time" if late else "",
         "fetched_from_history": stream.recovered,
         **(made if pieces else {}),
         "complete": not (stream.lost or file.gaps or late) and file.rows > 0,

@@ -13,12 +13,13 @@ from collections.abc import Mapping, Sequence
 from queue import Empty, SimpleQueue
 from typing import Any
 
+import msgspec
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock
 from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.keys import Keys
-from dehyst.daemon.bus.messages import Chunk, Rejection, Reply, Request, Setpoint
+from dehyst.daemon.bus.messages import Chosen, Chunk, Rejection, Reply, Request, Setpoint
 from dehyst.daemon.bus.session import Asked, Bus
 from dehyst.daemon.bus.topics import REJECTION, subject
 from dehyst.daemon.gateway.admission import Admission
@@ -74,8 +75,10 @@ class AxisInbox:
 
 def _sender_of(key: str) -> int:
     """Return the client number at the end of a set-point's key; 0: it is none."""
-    last = key.rpartition("/")[2]
-    return int(last) if last.isascii() and last.isdecimal() and len(last) < 19 else 0
+    try:
+        return msgspec.convert(key.rpartition("/")[2], Chosen, strict=False)
+    except msgspec.ValidationError:
+        return 0
 
 
 class CommandIntake:

@@ -20,6 +20,9 @@ from dehyst.daemon.client.player import PATIENCE_S
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.rings.records import LoopCommand, State
 
+STRANGER = 2**63 - 1
+"""The largest number that a client may have."""
+
 
 def collect(client: Client, count: int) -> np.ndarray:
     """Return at least `count` samples."""
@@ -93,9 +96,9 @@ def test_questions_are_answered(shared: Bench) -> None:
 def test_whatever_is_put_or_asked_the_gateway_goes_on(shared: Bench) -> None:
     client = shared.client()
     feed = client.feed()
-    key = client.keys.pubsub("setpoint_um", "66")
-    good = messages.Setpoint(client=66, lease=1, sequence=1, sent_ns=0, value=1.0, unit="um")
-    request = messages.Request(client=66, sent_ns=0, action="stop")
+    key = client.keys.pubsub("setpoint_um", str(STRANGER))
+    good = messages.Setpoint(client=STRANGER, lease=1, sequence=1, sent_ns=0, value=1.0, unit="um")
+    request = messages.Request(client=STRANGER, sent_ns=0, action="stop")
     bad = [
         b"",
         b"\xff" * 100,
@@ -118,12 +121,12 @@ def test_whatever_is_put_or_asked_the_gateway_goes_on(shared: Bench) -> None:
                 list(raw.ask(client.keys.rpc("history"), payload + b"\x01"))
         wait_until("all have come", lambda: {r.code for r in feed.rejections} >= {"no-lease"})
     of_its_sender = {"no-lease", "bad-message"}  # a put has no answer: this is how it learns of it
-    assert {r.code for r in feed.rejections if r.client == 66} >= of_its_sender
+    assert {r.code for r in feed.rejections if r.client == STRANGER} >= of_its_sender
     client.send(2.0)
     rejected = client.status().gateway.rejected
     assert rejected["bad-message"] >= 5 + 6
     assert rejected["no-lease"] >= 1
-    assert not np.any(shared.loop.commands["client"] == 66)
+    assert not np.any(shared.loop.commands["client"] == STRANGER)
     assert np.any(shared.loop.commands["client"] == client.client)
 
 

@@ -327,7 +327,7 @@ CHANGES = [
             "daemon/gateway/command_intake.py",
             "        client = put_by or 0\n",
             "        client = 0\n",
-            "a program whose set-points are malformed is not told so",
+            "a program whose set-points are malformed does not learn of it",
         ),
     ),
 ]

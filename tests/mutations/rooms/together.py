@@ -48,7 +48,7 @@ CHANGES = [
         Change(
             "group-ends-silently", START,
             "        for axis in start.axes:\n", "        for axis in ():\n",
-            "a trajectory of several axes does not start, and nobody is told",
+            "a trajectory of several axes does not start, and no axis reports it",
         ),
         Change(
             "first-axis-sets-out", START,
